@@ -1,7 +1,8 @@
 """Types of the Python interface: sources, poses, clouds and scores with methods that load, save, draw and display them.
 
 Each type extends the type of the same name of a lower layer, which contains only the values. Functions of all layers
-therefore accept objects of these types.
+therefore accept objects of these types. `Score` is an exception: its look-ups raise an error for a name without a row,
+so that the pages and tables are made from a score of the lower layer (`Score._plain`).
 """
 
 from __future__ import annotations
@@ -10,11 +11,11 @@ import os
 import warnings
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import MISSING, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from html import escape
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import msgspec
 import numpy as np
@@ -74,19 +75,20 @@ def wrong_type(name: str, value: object, required: str) -> ConfigError:
 class Shown:
     """Base class of the extended dataclasses: they display their facts in one line and as an HTML table."""
 
+    _extended: ClassVar[type[Any]]  #: Dataclass of a lower layer that the class extends.
+
     @classmethod
     def of(cls, value: Any, **further: Any) -> Self:  # noqa: ANN401 - the extended dataclass, and fields of this class
-        """Return a value of the extended type, or of a subclass, as this type; `further` are fields of this type only.
+        """Return a value of the extended type as this type; `further` are fields that only this type has.
 
-        Fields that this type does not have are omitted, such as the uncertainty of a truth in a trajectory.
+        Fields of a subclass of the extended type are omitted, such as the uncertainty of a truth in a trajectory.
+        ConfigError for a value of another type.
         """
-        extended: Any = cls  # each subclass is a dataclass
-        items = fields(extended)
-        given = {item.name: getattr(value, item.name) for item in items if hasattr(value, item.name)}
-        required = {item.name for item in items if item.default is MISSING and item.default_factory is MISSING}
-        if not given.keys() >= required:
+        if isinstance(value, cls):
+            return replace(value, **further)  # type: ignore[type-var] # each subclass is a dataclass
+        if not isinstance(value, cls._extended):
             raise wrong_type("value", value, f"a {cls.__name__}")
-        return cls(**(given | further))
+        return cls(**{item.name: getattr(value, item.name) for item in fields(cls._extended)}, **further)
 
     def _facts(self) -> dict[str, str]:
         """Return the displayed facts by name."""
@@ -112,6 +114,7 @@ class Trajectory(Shown, trajectory.Trajectory):
     `poses[3]` return `(stamp_ns, pose)`; `poses[10:20]` and masks return a trajectory.
     """
 
+    _extended = trajectory.Trajectory
     #: The calls that estimated the poses: time, memory, state, covariance. Empty if unknown.
     records: tuple[CallRecord, ...] = ()
     method: MethodRecord | None = None  #: The method that estimated the poses; None if unknown.
@@ -227,6 +230,8 @@ class Trajectory(Shown, trajectory.Trajectory):
 class Truth(Trajectory, trajectory.Truth):
     """True poses of RB in DS; if the attitudes are unknown, the true positions of a point of RB."""
 
+    _extended = trajectory.Truth
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PointCloud(Shown, cloud.PointCloud):
@@ -236,6 +241,7 @@ class PointCloud(Shown, cloud.PointCloud):
     `fused` and the stamps of the pairs are None if unknown.
     """
 
+    _extended = cloud.PointCloud
     records: tuple[CallRecord, ...] = ()  #: The calls that produced the points; empty if unknown.
     method: MethodRecord | None = None  #: The method that produced the points; None if unknown.
     #: Width and height of an organised cloud file whose pixels follow from the order of its points; None for others.
@@ -293,6 +299,8 @@ class PointCloud(Shown, cloud.PointCloud):
 @dataclass(frozen=True, eq=False, repr=False)
 class Source(Shown, sequence.Source):
     """An opened data set folder, bag or sequence. A field is None if the source does not contain it."""
+
+    _extended = sequence.Source
 
     @property
     def truth(self) -> Truth | None:

@@ -1,7 +1,7 @@
 """The errors of the suite: one root, one subclass per layer, and the exit code of each.
 
-A message is one line that states what failed, what was found and what to do. The library raises errors; only
-`sfr_loc_map.cli` prints them and exits.
+A message is one line that states what failed, what was found and what to do. The library raises errors. `cli.main`
+prints an error that ends a command, and `nodes.lifecycle.runner` prints an error that prevents the start of a node.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The topics of the suite: role, message type, whether a topic is recorded, and whether it is read from a bag.
 
-Names are relative, so that a namespace or a remapping applies to them. Every list of topics is a filter of `TOPICS`.
+Names are relative, so that a namespace or a remapping applies to them. `names` returns the topics of a role.
 
 A topic is added in these places: its row in `TOPICS`, which determines what `sfr record` records, what is read from a
 bag and what the doctor expects; the node in `nodes` that publishes or receives the topic; `docs/interfaces.md`,

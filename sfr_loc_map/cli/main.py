@@ -1,7 +1,7 @@
 """The command `sfr`: prints errors in one line and returns exit codes.
 
 The modules of subcommands import NumPy, and modules that require NumPy, inside their functions, so that `sfr --help` is
-fast. They raise `SfrError`. Only this module prints errors and exits, with the code of the error (`errors.ExitCode`).
+fast. They raise `SfrError`. This module prints the error that ends a command, and returns its code (`errors.ExitCode`).
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from sfr_loc_map.errors import NodeError, SfrError
-from sfr_loc_map.live.run_end import EndFile, RunEnd
+from sfr_loc_map.live.run_end import RunEnd
 from sfr_loc_map.message_text import one_line
 from sfr_loc_map.ros.processes import WATCH_S, end_processes, node_process
 from sfr_loc_map.signals import stopping
@@ -34,10 +34,10 @@ class PageProcess(AbstractContextManager["PageProcess"]):
 
     def __init__(self, arguments: Sequence[str]) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="sfr-live-", ignore_cleanup_errors=True)
-        path = Path(self._folder.name) / "end.json"
-        self._end, self._end_file = RunEnd(), EndFile(path)
+        self._end = RunEnd()
+        self._end_file = Path(self._folder.name) / "end.json"
         self.has_run_ended = False  #: Whether a run that the page shows is over.
-        self._process = node_process("live.main", (*arguments, "--end-file", str(path)))
+        self._process = node_process("live.main", (*arguments, "--end-file", str(self._end_file)))
 
     def __exit__(self, *_: object) -> None:
         end_processes([self._process])
@@ -72,7 +72,7 @@ class PageProcess(AbstractContextManager["PageProcess"]):
         """Write the end of the run for the page's process."""
         self.has_run_ended = True
         self._end = end
-        self._end_file.write(end)
+        end.write(self._end_file)
 
     def stay(self, words: str = "") -> None:
         """Print `words` and that the page is still served; wait until a signal arrives or the page ends."""

@@ -18,6 +18,20 @@ class RunEnd(msgspec.Struct, frozen=True):
     aborted: str = ""  #: Cause of an abort.
     report: str = ""  #: Path of the HTML report.
 
+    def write(self, path: Path) -> None:
+        """Replace the file; a failure is ignored, because the run must not depend on its page."""
+        with suppress(OSError):
+            write_text(msgspec.json.encode(self).decode(), path)
+
+    @staticmethod
+    def read(path: Path) -> RunEnd | None:
+        """Return the content of a file; None before the file is written."""
+        try:
+            content = path.read_bytes()
+        except OSError:
+            return None
+        return msgspec.json.decode(content, type=RunEnd)
+
     def report_page(self) -> bytes:
         """Return the HTML report; empty without a readable report."""
         with suppress(OSError):
@@ -39,28 +53,3 @@ class ShownEnd:
     def is_over(self) -> bool:
         """Whether the run is over."""
         return self.at_s is not None
-
-
-class EndFile:
-    """The file with the end of a run: written by the run's process, and read periodically by the page's process."""
-
-    def __init__(self, path: Path) -> None:
-        """Set the path; the file is not accessed."""
-        self._path = path
-        self._read = b""  # content that was read last
-
-    def write(self, end: RunEnd) -> None:
-        """Replace the file; a failure is ignored, because the run must not depend on its page."""
-        with suppress(OSError):
-            write_text(msgspec.json.encode(end).decode(), self._path)
-
-    def read(self) -> RunEnd | None:
-        """Return the end of the run if the file was written since the last call, None otherwise."""
-        try:
-            content = self._path.read_bytes()
-        except OSError:
-            return None
-        if content == self._read:
-            return None
-        self._read = content
-        return msgspec.json.decode(content, type=RunEnd)

@@ -28,7 +28,7 @@ from sfr_loc_map.live.commands import Action, Command
 from sfr_loc_map.live.config import LiveConfig
 from sfr_loc_map.live.connections import IDLE_TIMEOUT_S, BoundedConnections
 from sfr_loc_map.live.messages import LIVE_PERIOD_S, CommonTexts
-from sfr_loc_map.live.run_end import EndFile, RunEnd
+from sfr_loc_map.live.run_end import RunEnd
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.values import state_json
 from sfr_loc_map.live.viewer import Viewer
@@ -279,10 +279,10 @@ class LiveServer:
 async def serve_until_signal(server: LiveServer, *, open_browser: bool = False, end_file: Path | None = None) -> None:
     """Serve until SIGINT, SIGTERM or SIGHUP; print the address when the page can be opened.
 
-    Once the run is over, its process writes to `end_file` how the run ended (`run_end.EndFile`). The pages display the
-    end and can still be opened.
+    Once the run is over, its process writes to `end_file` how the run ended (`RunEnd`). The pages display the end and
+    can still be opened.
     """
-    file = None if end_file is None else EndFile(end_file)
+    shown_end: RunEnd | None = None
 
     def announce(url: str) -> None:
         print(f"live: {url}", flush=True)
@@ -291,12 +291,14 @@ async def serve_until_signal(server: LiveServer, *, open_browser: bool = False, 
 
     def show_end_of_run() -> None:
         """Display how the run ended, if its process has reported this since the last call."""
-        run_end = None if file is None else file.read()
-        if run_end is not None:
+        nonlocal shown_end
+        run_end = None if end_file is None else RunEnd.read(end_file)
+        if run_end is not None and run_end != shown_end:
+            shown_end = run_end
             server.show_end(run_end)
 
     async def watch_run() -> None:
-        while file is not None:
+        while end_file is not None:
             show_end_of_run()
             await asyncio.sleep(END_PERIOD_S)
 

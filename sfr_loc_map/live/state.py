@@ -1,4 +1,4 @@
-"""The state of a run in progress, which one feed writes and all views read.
+"""The state of a run in progress, which the feeds and the server change and all views read.
 
 Its memory is bounded, except for the stamps of all poses (8 bytes each), which `CommonRuns` requires to detect a new
 run, as in the monitor.

@@ -1,7 +1,7 @@
 """The three ROS 2 nodes, and the processes in which they run.
 
-Each node consists of these five parts. Messages are received in the executor's thread and processed in order in the
-worker's thread.
+A node receives messages in the executor's thread, and processes them in order in the worker's thread. The localisation
+node and the mapping node receive stereo pairs; the monitor node receives the results of both.
 
     executor's thread                                          worker's thread
 
@@ -10,8 +10,8 @@ worker's thread.
     results, ground truth ──► monitor_node (monitor) ──► queue ──► the score ──────────────────► report
     └─────────────── lifecycle: states, parameters, publishers, the worker and its queue, health ──────────────┘
 
-- `stereo`: images are combined into pairs by their stamps and runs (`stereo_input`); poses for pairs (`pose_matching`);
-  what a node waits for (`missing_input`)
+- `stereo`: combines images into pairs by their stamps and runs (`stereo_input`), assigns poses to pairs
+  (`pose_matching`), and states what a node waits for (`missing_input`)
 - `pair_node`: what the localisation node and the mapping node have in common
 - `localisation_node`, `mapping_node`, `monitor_node`: the nodes; `localisation` and `monitor` are their parts
 - `lifecycle`: what the three nodes have in common (`managed_node`)

@@ -144,9 +144,12 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     config_type = MonitorNodeConfig
     foreign_parameters = tuple(f"input.{item.name}" for item in fields(StereoInputConfig))
 
-    _received_ns: tuple[int, int] | None = None  # earliest and latest stamp of the data of the present score
-    _discards = 0  # number of discarded intervals in the life of the node
-    _discarded: tuple[DiscardedInterval, ...] = ()  # the latest of them
+    def __init__(self, name: str = "", **options: Any) -> None:  # noqa: ANN401
+        """Create the list of discarded intervals, which is kept until the node ends, and the node."""
+        self._received_ns: tuple[int, int] | None = None  # earliest and latest stamp of the data of the present score
+        self._discards = 0  # number of discarded intervals in the life of the node
+        self._discarded: tuple[DiscardedInterval, ...] = ()  # the latest of them
+        super().__init__(name, **options)
 
     def check_config(self, config: MonitorNodeConfig) -> None:
         """Check the frames of the ground truth."""
@@ -191,7 +194,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             self.endpoints.add_timer(config.save_period_s, lambda: self.worker.enqueue(self._autosave))
 
     def reset_state(self) -> None:
-        """Create the state of the node, without input and results."""
+        """Create the score and all other state without input, and record that the received data are discarded."""
         self._discard("clean-up or configuration")
         config = self.config
         self._score = MonitorScore(config.score, None, config.truth)  # `setup` reads the limits
@@ -200,9 +203,11 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._gaps: dict[str, TransportGaps] = {}  # by topic; accessed only by the executor's thread
         self._missed_estimates = 0  # published before the first received estimate; 0 after a new run
         self._camera_infos = CameraInfoPair()
-        self._truth: TruthInput = TopicTruthInput(self, Reliability(config.input.reliability))
-        if config.truth.frame:
-            self._truth = FrameTruthInput(config.truth.frame)
+        self._truth: TruthInput = (
+            FrameTruthInput(config.truth.frame)
+            if config.truth.frame
+            else TopicTruthInput(self, Reliability(config.input.reliability))
+        )
         self._runs: CommonRuns[Callable[[], None]] = CommonRuns(SOURCES)
         self._restarts = 0  # number of new runs since the operator's reset
         self._has_estimate = False

@@ -96,9 +96,9 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self.config: C = build(self.config_type, self._take_overrides(), origin=self._origin)
         for key, value in flatten(self.config).items():
             self.declare_parameter(key, as_list(value), descriptor(self._infos[key]), ignore_override=True)
-        self._last_error: Exception | None = None
+        self._transition_error: Exception | None = None  # of the last failed transition; rclpy returns only a result
         self._counts_before: dict[str, int] = {}
-        self._quiet = False  # the caller reports a failed transition
+        self._is_starting = False  # `start` raises the error of a failed transition, which is then not reported here
         self.status = StatusReporter(self, self.task, self.config.health, self._snapshot)
         self.endpoints = Endpoints(
             self, self.config.output_reliability, warn=self.status.warn, on_fault=self._on_callback_fault
@@ -125,9 +125,9 @@ class ManagedNode(LifecycleNode, Generic[C]):
         """Create subscriptions, timers and services."""
 
     def reset_state(self) -> None:
-        """Create the state of the node, without input and results.
+        """Create the attributes of the subclass that depend on input or results, without input and results.
 
-        Called by the constructor, at each configuration before `setup`, and at each clean-up.
+        Called by the constructor of this class, at each configuration before `setup`, and at each clean-up.
         """
 
     def clock_jumped_back(self) -> None:
@@ -238,13 +238,13 @@ class ManagedNode(LifecycleNode, Generic[C]):
         if not self.config.autostart:
             self.get_logger().info("unconfigured: waiting for a lifecycle manager")
             return
-        self._quiet = True
+        self._is_starting = True
         try:
             for trigger in (self.trigger_configure, self.trigger_activate):
-                if trigger() != TransitionCallbackReturn.SUCCESS and self._last_error is not None:
-                    raise self._last_error
+                if trigger() != TransitionCallbackReturn.SUCCESS and self._transition_error is not None:
+                    raise self._transition_error
         finally:
-            self._quiet = False
+            self._is_starting = False
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create publishers and the worker."""
@@ -278,7 +278,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Release everything after a transition that raised an exception, so that the node can be configured again."""
-        cause = self._last_error
+        cause = self._transition_error
         result = self._run("error", NodeState.UNCONFIGURED, self._deactivate, self._clean_up)
         self.status.note_problem(Level.ERROR, f"a transition failed with an exception: {cause}")
         return result
@@ -303,12 +303,12 @@ class ManagedNode(LifecycleNode, Generic[C]):
             if undo is not None:
                 undo()
             self.state = before
-            self._last_error, outcome = error, TransitionCallbackReturn.FAILURE
+            self._transition_error, outcome = error, TransitionCallbackReturn.FAILURE
         except Exception as error:  # rclpy's state machine would discard the exception
             self._log_error(traceback.format_exc())
-            self._last_error, outcome = error, TransitionCallbackReturn.ERROR
-        if not self._quiet:
-            text = f"{name} failed: {self._last_error}"
+            self._transition_error, outcome = error, TransitionCallbackReturn.ERROR
+        if not self._is_starting:
+            text = f"{name} failed: {self._transition_error}"
             self._log_error(text)
             self.status.note_problem(Level.ERROR, text)
         return outcome
