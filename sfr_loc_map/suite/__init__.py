@@ -25,7 +25,7 @@ Terms, each with one meaning in this package:
     job         one source with one fault, one configuration and one repeat, for one task; jobs/job.py lists its
                 identities
     result      the score of a job, in one file
-    group       the results with the same task, configuration and faults; their errors are pooled
+    group       the results with the same task, configuration and faults or variant; their errors are pooled
     plan        the list of jobs. (The command `sfr suite plan` computes a number of drives.)
     night       one run in a history
     run         one execution of `sfr suite run` or `sfr suite search`, which may continue an earlier one

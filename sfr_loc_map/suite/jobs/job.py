@@ -6,7 +6,7 @@
                   code or parameters; `PairKey` adds the configuration if a suite has several
     drive_key     hash of drive, task and faults: repeats and copies of a drive share this hash, because their errors
                   depend on each other. Sequential tests take the drives in the order of this hash
-    group         task, configuration and faults: the errors of a group are pooled
+    group         task, configuration and alteration: the errors of a group are pooled
     label         the displayed name
     description   names and inputs that the files of the job state, so that a later plan recognises its work
 
