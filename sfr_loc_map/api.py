@@ -32,7 +32,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source, drive_of, panorama_of
-from sfr_loc_map.io.source_settings import source_config
+from sfr_loc_map.io.source_config import source_config
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose
 from sfr_loc_map.mapping.config import MappingConfig

@@ -9,11 +9,11 @@ import pytest
 
 from helpers.cli_result import Sfr
 from helpers.made_worlds import make_world, write_folder
+from sfr_loc_map.cli.table_file import save_table
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
-from sfr_loc_map.io.tables.table_file import save_table
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 
 

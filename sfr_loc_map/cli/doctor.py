@@ -40,8 +40,7 @@ def doctor(
     require_ros("doctor")
     from sfr_loc_map.doctor.examination import examine
     from sfr_loc_map.graph.observer import GraphObserver
-    from sfr_loc_map.io.source_config import SourceConfig
-    from sfr_loc_map.io.source_settings import with_settings
+    from sfr_loc_map.io.source_config import SourceConfig, with_settings
 
     given = SourceConfig.of(with_settings(Configuration.read(config), {}, remap=parse_remaps(remap)))
     with GraphObserver(given.topics_and_truth) as observer:

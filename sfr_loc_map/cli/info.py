@@ -61,9 +61,8 @@ def info(
     from sfr_loc_map.doctor.fixes import with_fix
     from sfr_loc_map.doctor.observation import observe
     from sfr_loc_map.io.registry import check_source_exists, open_source
-    from sfr_loc_map.io.source_config import SourceConfig
+    from sfr_loc_map.io.source_config import SourceConfig, config_beside
     from sfr_loc_map.io.source_format import is_bag
-    from sfr_loc_map.io.source_settings import config_beside
     from sfr_loc_map.scoring.provenance import data_set_of
     from sfr_loc_map.source_setup.facts import facts_of, facts_tables
 
@@ -105,7 +104,7 @@ def info(
 
 def _write(source: Path, given: Configuration) -> tuple[Path, SourceConfig]:
     """Write the proposed configuration to the file that was read, or to a new file; return the file and its content."""
-    from sfr_loc_map.io.source_settings import NAME
+    from sfr_loc_map.io.source_config import NAME
     from sfr_loc_map.source_setup.examination import propose_config
 
     place = given.path or (source if source.is_dir() else source.parent) / NAME

@@ -88,7 +88,7 @@ def _init_from(
     source: Path, folder: Path, given: Configuration, inputs: Iterable[Path | None], *, overwrite: bool
 ) -> None:
     """Write the configuration that is inferred from a source, and limits; report what is missing."""
-    from sfr_loc_map.io.source_settings import NAME
+    from sfr_loc_map.io.source_config import NAME
     from sfr_loc_map.source_setup.examination import propose_config
     from sfr_loc_map.source_setup.initial_files import initial_limits, is_kept
     from sfr_loc_map.source_setup.proposal import Value

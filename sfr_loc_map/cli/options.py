@@ -200,7 +200,7 @@ def announced_config(source: Path, config: Path | None, remap: list[str] | None 
     The use of the file beside the source is reported. A command reads the configuration only here, before it checks its
     outputs, because no output may replace this file. `io.registry.open_source` then opens the source.
     """
-    from sfr_loc_map.io.source_settings import source_config
+    from sfr_loc_map.io.source_config import source_config
 
     how = source_config(source, config, parse_remaps(remap))
     if config is None and how.configuration.path is not None:
@@ -215,7 +215,7 @@ def configuration_of(
 
     ConfigError if a section is invalid (`check_configuration`).
     """
-    from sfr_loc_map.io.source_settings import check_remap, with_settings
+    from sfr_loc_map.io.source_config import check_remap, with_settings
 
     remaps = parse_remaps(remap)
     check_remap(source, remaps)

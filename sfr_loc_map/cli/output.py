@@ -19,8 +19,8 @@ from sfr_loc_map import atomic
 from sfr_loc_map import suffixes as file_suffixes
 from sfr_loc_map.atomic import atomic_path, check_output, output_target, replace_by, write_text
 from sfr_loc_map.cli.app import current_run
+from sfr_loc_map.cli.source_files import has_only_data_set, source_of_file
 from sfr_loc_map.errors import OutputError, SfrError
-from sfr_loc_map.io.source_files import has_only_data_set, source_of_file
 from sfr_loc_map.message_text import one_line, printable
 
 if TYPE_CHECKING:

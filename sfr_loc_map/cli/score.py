@@ -231,7 +231,7 @@ def score(
     settings: SettingsOption = None,
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
-    from sfr_loc_map.io.source_settings import truth_config
+    from sfr_loc_map.io.source_config import with_truth_settings
     from sfr_loc_map.scoring.inputs import ScoreInputs
     from sfr_loc_map.scoring.judgement import Judgement
     from sfr_loc_map.scoring.request import ScoreRequest
@@ -241,7 +241,7 @@ def score(
     source_config = _configuration_of_truth(truth, config_file)
     judgement = Judgement.of(limits, conditions, source_config.configuration)
     of_estimate, of_truth = columns_of(columns)
-    configured = truth_config(truth, source_config, parse_settings(settings), of_truth)
+    configured = with_truth_settings(truth, source_config, parse_settings(settings), of_truth)
     inputs = replace(found, columns=of_estimate, config=configured, limits=judgement.limits_file)
     inputs = _measured_on(inputs, target, target_timing, target_run)
     outputs = _Outputs(json_path, html, junit, points, pieces)
@@ -327,7 +327,7 @@ class _Outputs(NamedTuple):
 
     def write(self, scored: ScoredRun, config: TrajectoryScoreConfig) -> None:
         """Print the score, and write all requested files; `config` are the settings of its trajectory."""
-        from sfr_loc_map.io.tables.table_file import save_table
+        from sfr_loc_map.cli.table_file import save_table
         from sfr_loc_map.metrics.map.point_errors import points_table
         from sfr_loc_map.metrics.trajectory.trajectory_score import sub_trajectory_table
 

@@ -3,7 +3,7 @@
 A value of the file takes these steps:
 
 1. `Configuration.read` reads the YAML, and returns the values by section and dotted name;
-2. `io.source_settings` changes values by the options of a command (`--set`, `--remap`, `--calibration`);
+2. `io.source_config` changes values by the options of a command (`--set`, `--remap`, `--calibration`);
 3. `Configuration.build` converts a section to its dataclass, with a check of every name, type and range. The sections
    `topics` to `truth` become an `io.source_config.SourceConfig`, and the others the parameters of localiser, mapper and
    monitor.

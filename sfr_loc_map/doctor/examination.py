@@ -11,7 +11,7 @@ from sfr_loc_map.doctor.observation import EXPECTED, Observation, ObservedTopic,
 from sfr_loc_map.doctor.swapped_images import StampedImage, are_swapped
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
-from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_raw_infos, rig_of_rectified_infos
+from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_infos
 from sfr_loc_map.io.image_codec import SampleDepth, samples_of
 from sfr_loc_map.issues import Cause, Issue
 from sfr_loc_map.message_stamps import NS_PER_MS, NS_PER_S, stamp_of
@@ -220,9 +220,9 @@ def _stereo(seen: Observation, rig: str) -> Issues:
     size: tuple[int, int] | None = None
     infos = [topic for side in SIDES if (topic := seen.topics.get(f"{rig}/{side}/camera_info")) and topic.messages]
     if len(infos) == len(SIDES):
-        describe = rig_of_raw_infos if seen.image_name(rig) == RAW else rig_of_rectified_infos
+        is_raw = seen.image_name(rig) == RAW
         try:
-            cameras, rectifier = describe([topic.messages[0] for topic in infos], rig)
+            cameras, rectifier = rig_of_infos([topic.messages[0] for topic in infos], rig, raw=is_raw)
             size = cameras.width, cameras.height
         except InputError as error:
             where = f"{rig}/left/camera_info, {rig}/right/camera_info"

@@ -17,9 +17,8 @@ from sfr_loc_map.io.layouts.folder import open_folder
 from sfr_loc_map.io.layouts.image_folder import open_image_folder
 from sfr_loc_map.io.layouts.kitti import open_kitti
 from sfr_loc_map.io.sequence import Source, without_truth
-from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig
+from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig, source_config
 from sfr_loc_map.io.source_format import SourceFormat, detected_format, folders_of_sides, is_bag
-from sfr_loc_map.io.source_settings import source_config
 from sfr_loc_map.io.truth.config import TruthConfig
 from sfr_loc_map.io.truth.read import truth_of_bag, truth_of_file
 from sfr_loc_map.message_text import alternatives

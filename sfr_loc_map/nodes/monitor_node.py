@@ -26,7 +26,7 @@ from sfr_loc_map.calls.call_message import decode_call
 from sfr_loc_map.configuration.parameters import param
 from sfr_loc_map.errors import InputError, MetricsError, SfrError
 from sfr_loc_map.inputs import MAX_TEXT_BYTES
-from sfr_loc_map.io.calibration.rectification import rig_of_rectified_infos
+from sfr_loc_map.io.calibration.rectification import rig_of_infos
 from sfr_loc_map.io.clouds.point_image import points_image
 from sfr_loc_map.io.truth.config import LiveTruthConfig
 from sfr_loc_map.io.truth.messages import TrueRow
@@ -344,7 +344,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     def _on_camera_info(self, side: Side, message: CameraInfo) -> None:
         if (both := self._camera_infos.add(side, message)) is None:
             return
-        self._score.map_inputs.set_rig(rig_of_rectified_infos(both, "nav")[0])
+        self._score.map_inputs.set_rig(rig_of_infos(both, "nav", raw=False)[0])
         while self._early_points:  # separate jobs, because each message may be unusable
             self.worker.enqueue(partial(self._on_true_points, self._early_points.popleft()))
         self._score_maps()

@@ -9,13 +9,13 @@ from typing import Any
 from sfr_loc_map.configuration.parameters import changed
 from sfr_loc_map.configuration.sections import NOTHING_GIVEN, Configuration, is_ros_parameter_file
 from sfr_loc_map.errors import ConfigError, naming
-from sfr_loc_map.io.message_stream import begin_of
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
+from sfr_loc_map.replay.played_pairs import begin_of
 from sfr_loc_map.runs.drive_start import start_pose
 from sfr_loc_map.scoring.inputs import Correction
 from sfr_loc_map.scoring.request import ScoreRequest

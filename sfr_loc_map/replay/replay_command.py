@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 from sfr_loc_map.calls.call_record import states_text, tracking_warning
 from sfr_loc_map.errors import ConfigError, NodeError, SfrError, naming
-from sfr_loc_map.io.message_stream import pairs_between
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.live.page_process import PageProcess
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.replay.external.external_poses import with_converted_poses
 from sfr_loc_map.replay.files import ReplayFiles, save_replay
 from sfr_loc_map.replay.options import ReplayOptions
+from sfr_loc_map.replay.played_pairs import pairs_between
 from sfr_loc_map.replay.replay_score import files_of_source, score_replay
 from sfr_loc_map.replay.result import ReplayResult
 from sfr_loc_map.replay.session import Progress, Say, replay

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from sfr_loc_map import signals
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.host_clock import checked_clock
-from sfr_loc_map.io import message_stream
+from sfr_loc_map.io.message_stream import Message, messages_of, topics_of
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.live.page_process import PageProcess, shown_on
 from sfr_loc_map.replay.arguments_by_node import arguments_by_node, pairs_per_map
@@ -23,6 +23,7 @@ from sfr_loc_map.replay.external.answer_converters import answer_converter
 from sfr_loc_map.replay.external.external_node import ExternalNode, connected_node
 from sfr_loc_map.replay.message_store import Received
 from sfr_loc_map.replay.options import ReplayOptions
+from sfr_loc_map.replay.played_pairs import PairTracker, between, end_of, pair_of_message
 from sfr_loc_map.replay.player import Player, connected_player
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 from sfr_loc_map.replay.result import ReplayResult
@@ -91,11 +92,11 @@ def replay(
 def play_and_collect(source: Source, options: ReplayOptions, connected: Connected, progress: Progress) -> None:
     """Publish a source until its end or until the player is stopped, then wait for the missing results."""
     player, waits, received = connected.player, connected.waits, connected.collector.received
-    pairs = message_stream.PairTracker(message_stream.pair_of_message(source))
+    pairs = PairTracker(pair_of_message(source))
     if options.start is not None:
         player.set_pose(options.start)
 
-    def on_sent(message: message_stream.Message) -> None:
+    def on_sent(message: Message) -> None:
         sent_s = time.monotonic()
         completed = pairs.add(message)
         if completed is not None:
@@ -105,10 +106,10 @@ def play_and_collect(source: Source, options: ReplayOptions, connected: Connecte
             waits.after_pair(task, stamp_ns, sent_s)
             progress(rig)
 
-    messages = message_stream.messages_of(source)
+    messages = messages_of(source)
     end_s = options.offset_s + options.duration_s
     with checked_clock():
-        player.play(message_stream.between(messages, options.offset_s, end_s), on_sent)
+        player.play(between(messages, options.offset_s, end_s), on_sent)
         waits.finish()
 
 
@@ -133,7 +134,7 @@ def connected_replay(
         say("waiting for the nodes")
         if page is not None and not peer.wait_for_page(page):
             say("the page does not receive all messages yet: the start of the replay may be missing on the page")
-        topics = message_stream.topics_of(source)
+        topics = topics_of(source)
         if options.external is not None:
             # An external node must not receive the ground truth. The score reads the ground truth from the source.
             topics = {name: kind for name, kind in topics.items() if name not in names(Role.TRUTH)}
@@ -177,6 +178,6 @@ def check_source(source: Source, offset_s: float = 0.0) -> None:
         check_count(source.nav)
     if source.loc is not None and not len(source.loc):
         raise InputError(f"'{source.path}' has no stereo pair: at least one is required")
-    end_s = message_stream.end_of(source)
+    end_s = end_of(source)
     if offset_s > end_s:
         raise InputError(f"the last pair is at {end_s:.3f} s: an offset of {offset_s:g} s leaves no pair")

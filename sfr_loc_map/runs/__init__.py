@@ -6,7 +6,8 @@
     mapper_run.run_mapper             MapRun: PairMap per pair, FusedMap, calls    cloud, elevation models, stats.csv
 
 Both take the configuration of our localiser or mapper, or a method under test (`under_test`). `drive_start` returns the
-pose at which a drive starts. `calls.call_files` writes stats.csv. `map_files` and `track_video` write the other files.
+pose at which a drive starts. `calls.call_files` writes stats.csv. `map_files` (elevation models: `geotiff`) and
+`track_video` write the other files.
 """
 
 import lazy_loader

@@ -16,13 +16,13 @@ import numpy as np
 from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.errors import OutputError
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.io.clouds import geotiff
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.kernels import load_kernels
 from sfr_loc_map.mapping.config import TerrainConfig
 from sfr_loc_map.mapping.point_covariance import point_covariances
 from sfr_loc_map.mapping.terrain.shaded_relief import shaded_heights
 from sfr_loc_map.mapping.terrain.terrain_grid import TerrainGrid, terrain_grid
+from sfr_loc_map.runs import geotiff
 from sfr_loc_map.runs.mapper_run import MapRun
 from sfr_loc_map.suffixes import check_suffix, suffix_of
 

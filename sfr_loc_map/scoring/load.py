@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig
+from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig, source_config
 from sfr_loc_map.io.source_format import is_bag
-from sfr_loc_map.io.source_settings import source_config
 from sfr_loc_map.metrics.figures.records import MethodKind, MethodRecord, TargetRecord
 from sfr_loc_map.scoring.input_files import ReadFile, configuration_files, read_files
 from sfr_loc_map.scoring.inputs import ExpectedPairs, InMemory, ItemUnderTest, Origin, Run, ScoreInputs

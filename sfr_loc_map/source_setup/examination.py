@@ -14,9 +14,8 @@ from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.calibration.calibration_file import CalibrationError
 from sfr_loc_map.io.registry import format_of, open_source, read_truth
 from sfr_loc_map.io.sequence import LocSequence
-from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.source_config import FILE_SETTINGS, SourceConfig, copied
 from sfr_loc_map.io.source_format import SourceFormat, is_bag
-from sfr_loc_map.io.source_settings import FILE_SETTINGS, copied
 from sfr_loc_map.io.truth.of_bag import could_be_truth
 from sfr_loc_map.source_setup.bag_findings import with_calibration, with_origin_of_stamps, with_sync, with_topics
 from sfr_loc_map.source_setup.drive_findings import with_condition, with_extrinsics, with_lever_arm

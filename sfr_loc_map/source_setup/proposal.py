@@ -11,8 +11,7 @@ from sfr_loc_map.configuration.parameters import build
 from sfr_loc_map.configuration.sections import Configuration, Key
 from sfr_loc_map.configuration.yaml_file import yaml_text
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.source_settings import copied
+from sfr_loc_map.io.source_config import SourceConfig, copied
 
 
 class Value(NamedTuple):

@@ -20,7 +20,7 @@ from sfr_loc_map.bench.trials import LocaliserTrial, MapperTrial, rover_trajecto
 from sfr_loc_map.errors import InputError, MethodError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.source_settings import source_config
+from sfr_loc_map.io.source_config import source_config
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.method_call import MethodCall
 from sfr_loc_map.methods.registry import OURS_IN_TABLES, Method, find_method

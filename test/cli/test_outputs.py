@@ -12,9 +12,9 @@ import pytest
 from helpers import broken_sources as broken
 from helpers.cli_result import Sfr
 from sfr_loc_map.cli.output import output_folder
+from sfr_loc_map.cli.source_files import source_of_file
 from sfr_loc_map.configuration import sections
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.source_files import source_of_file
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 

@@ -10,8 +10,14 @@ import pytest
 
 from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig
-from sfr_loc_map.io.source_settings import config_beside, source_config, truth_config, with_settings
+from sfr_loc_map.io.source_config import (
+    DEFAULT_SOURCE,
+    SourceConfig,
+    config_beside,
+    source_config,
+    with_settings,
+    with_truth_settings,
+)
 from sfr_loc_map.localisation.config import LocalisationConfig
 
 FOR_TIME = Configuration(None, {"conditions": ["time=1"]})
@@ -114,7 +120,7 @@ def test_files_of_settings_are_relative_to_the_working_directory(data: Path, is_
     assert config.truth.file == Path("gt.csv").resolve()
     assert config.calibration.file == str(Path("cal.yaml").resolve())
     assert changed.sections["limits"] == str(Path("limits.yaml").resolve())
-    of_score = truth_config(data / "e.csv", DEFAULT_SOURCE, {"truth.source": "gt.csv"}, "")
+    of_score = with_truth_settings(data / "e.csv", DEFAULT_SOURCE, {"truth.source": "gt.csv"}, "")
     assert of_score.truth.file == Path("gt.csv").resolve()
 
 
@@ -202,13 +208,13 @@ def test_a_translation_without_a_rotation_is_refused(section: str, translation: 
 @pytest.mark.parametrize("name", ["sigma_m", "sync.stamps", "localisation.max_features", "truht.sigma_m"])
 def test_a_truth_has_only_settings_of_its_section(tmp_path: Path, name: str) -> None:
     with pytest.raises(ConfigError, match=f"^setting '{name}': only settings of the truth apply"):
-        truth_config(tmp_path / "t.csv", DEFAULT_SOURCE, {name: 1}, "")
+        with_truth_settings(tmp_path / "t.csv", DEFAULT_SOURCE, {name: 1}, "")
 
 
 @pytest.mark.parametrize("name", ["sigma", "sigma_m.x"])
 def test_an_unknown_setting_of_a_truth_is_named_as_in_its_section(tmp_path: Path, name: str) -> None:
     with pytest.raises(ConfigError, match=f"^settings, truth: unknown key '{name}' .did you mean 'sigma_m'"):
-        truth_config(tmp_path / "t.csv", DEFAULT_SOURCE, {f"truth.{name}": 1}, "")
+        with_truth_settings(tmp_path / "t.csv", DEFAULT_SOURCE, {f"truth.{name}": 1}, "")
 
 
 @pytest.mark.parametrize(

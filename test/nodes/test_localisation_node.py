@@ -28,7 +28,7 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag import messages as bag_messages
-from sfr_loc_map.io.calibration.rectification import rig_of_raw_infos, rig_of_rectified_infos
+from sfr_loc_map.io.calibration.rectification import rig_of_infos
 from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
@@ -166,7 +166,7 @@ def test_raw_images_are_rectified_and_tracks_and_debug_image_show_what_was_found
     infos = [bag_messages.camera_info(START_NS, LOC_RIG, "loc", side) for side in SIDES]
     for side_info in infos:
         side_info.d[:] = (-0.1, 0.02, 0.001, -0.001, 0.0)
-    _, rectifier = rig_of_raw_infos(infos, "loc")
+    _, rectifier = rig_of_infos(infos, "loc", raw=True)
     mask, path = np.full((LOC_RIG.height, LOC_RIG.width), 255, np.uint8), tmp_path / "mask.png"
     mask[-24:] = 0
     path.write_bytes(encode_png(mask))
@@ -401,7 +401,7 @@ def test_p_alone_describes_rectified_images(ros: None, capfd: Capture, shift_px:
         info.d[:] = (-0.1, 0.02, 0.001, -0.001, 0.0)
         info.k[:] *= 1.03
     infos[1].p[2] += shift_px
-    rig, rectifier = rig_of_rectified_infos(infos, "loc")
+    rig, rectifier = rig_of_infos(infos, "loc", raw=False)
     localiser = Localiser(replace(rig, T_rb_sb=LOC_RIG.T_rb_sb), LocalisationConfig(), Transform.identity())
     with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT):
         for side, info in zip(SIDES, infos, strict=True):

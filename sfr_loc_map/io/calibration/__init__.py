@@ -5,7 +5,7 @@ from which R and P are computed (`stereo_calibration.with_rectification`). A `Re
 P, as in sensor_msgs/CameraInfo. From two of them, `rectification.rig_of_cameras` computes the `StereoRig` and, if the
 images are not rectified, the `StereoRectifier`.
 
-    messages    CameraInfo ─► RectifiableCamera ─► rig, rectifier                        rectification.rig_of_..._infos
+    messages    CameraInfo ─► RectifiableCamera ─► rig, rectifier                        rectification.rig_of_infos
     file        programs ─► CameraPair ─► StereoCalibration (rig, rectifier)             calibration_file
 
 `calibration_file` selects the program by the content of the file (`opened_file`), and `programs` has a module for each

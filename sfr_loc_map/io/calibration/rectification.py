@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -221,24 +221,16 @@ class StereoRectifier:
         return _remapped(left, self._maps[0]), _remapped(right, self._maps[1])
 
 
-def rig_of_raw_infos(
-    infos: Sequence[Any], name: str, before: StereoRectifier | None = None
+def rig_of_infos(
+    infos: Sequence[Any], name: str, *, raw: bool, before: StereoRectifier | None = None
 ) -> tuple[StereoRig, StereoRectifier | None]:
-    """Return the rig (`loc` or `nav`) and the rectifier of raw images, from two CameraInfo; see `rig_of_cameras`."""
-    return _rig_of_infos(RectifiableCamera.of, infos, name, before)
+    """Return the rig of two CameraInfo, left first, and the rectifier of its images; None if they need none.
 
-
-def rig_of_rectified_infos(
-    infos: Sequence[Any], name: str, before: StereoRectifier | None = None
-) -> tuple[StereoRig, StereoRectifier | None]:
-    """Return the rig of rectified images, from two CameraInfo, and a rectifier if needed; see `rig_of_cameras`."""
-    return _rig_of_infos(RectifiableCamera.of_rectified_info, infos, name, before)
-
-
-def _rig_of_infos(
-    camera_of: Callable[[str, Any], RectifiableCamera], infos: Sequence[Any], name: str, before: StereoRectifier | None
-) -> tuple[StereoRig, StereoRectifier | None]:
+    `raw` states whether the images are those before the rectification. Rectified images are described by P alone.
+    `name` of the rig is `loc` or `nav`. See `rig_of_cameras` for `before` and the errors.
+    """
     names = f"{name}/left/camera_info", f"{name}/right/camera_info"
+    camera_of = RectifiableCamera.of if raw else RectifiableCamera.of_rectified_info
     left, right = map(camera_of, names, infos)
     return rig_of_cameras((left, right), f"camera_info of {name}", names, before)
 

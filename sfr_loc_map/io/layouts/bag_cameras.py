@@ -18,12 +18,7 @@ from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.poses import read_extrinsics
 from sfr_loc_map.io.calibration.calibration_file import read_calibration
 from sfr_loc_map.io.calibration.projections import with_baseline
-from sfr_loc_map.io.calibration.rectification import (
-    RectifiableCamera,
-    StereoRectifier,
-    rig_of_raw_infos,
-    rig_of_rectified_infos,
-)
+from sfr_loc_map.io.calibration.rectification import RectifiableCamera, StereoRectifier, rig_of_infos
 from sfr_loc_map.io.image_codec import Samples, samples_of
 from sfr_loc_map.io.source_config import CalibrationConfig
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE
@@ -163,11 +158,10 @@ def _by_camera_info(topics: CameraTopics, baseline_m: float) -> BagCameras:
                 f"bag '{bag.path}' has no message on '{topic.bag_name}': the rig is unknown;", "record this topic"
             )
     left, right = (infos[topic.name] for topic in topics.infos)
-    describe = rig_of_rectified_infos if topics.are_rectified else rig_of_raw_infos
     with naming(bag.path):
         if baseline_m:
             right = replace(right, p=with_baseline(left.p, right.p, baseline_m, "camera_info"))
-        rig, rectifier = describe((left, right), topics.task.rig)
+        rig, rectifier = rig_of_infos((left, right), topics.task.rig, raw=not topics.are_rectified)
     return BagCameras(rig, rectifier, str(left.header.frame_id), "camera_info")
 
 

@@ -14,7 +14,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from sfr_loc_map.configuration.parameters import param
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
-from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_raw_infos, rig_of_rectified_infos
+from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_infos
 from sfr_loc_map.io.image_codec import SampleDepth, Samples, samples_of
 from sfr_loc_map.message_stamps import NS_PER_S, stamp_of
 from sfr_loc_map.nodes.lifecycle.diagnostics import StatusReporter
@@ -237,8 +237,8 @@ class StereoInput:
         if (infos := self._infos.add(side, message)) is None:
             return
         try:
-            describe = rig_of_raw_infos if self._config.rectify else rig_of_rectified_infos
-            rig, self._rectifier = describe(infos, self._name, self._rectifier)
+            is_raw = self._config.rectify
+            rig, self._rectifier = rig_of_infos(infos, self._name, raw=is_raw, before=self._rectifier)
         except InputError as error:
             self._status.error(str(error))
             return

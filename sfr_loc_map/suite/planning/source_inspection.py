@@ -14,8 +14,7 @@ from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text, refusing
-from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.source_settings import config_beside
+from sfr_loc_map.io.source_config import SourceConfig, config_beside
 from sfr_loc_map.json_yaml import parse_json
 from sfr_loc_map.metrics.stored.score_json import from_plain, json_line, to_plain
 from sfr_loc_map.scoring.input_files import read_files

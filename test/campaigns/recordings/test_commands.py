@@ -15,7 +15,7 @@ from campaigns.recordings.drive import Drive, load_drive
 from campaigns.recordings.rows import ROWS
 from helpers.cli_result import Sfr, run_sfr
 from helpers.score_rows import number
-from sfr_loc_map.io.source_settings import NAME
+from sfr_loc_map.io.source_config import NAME
 from sfr_loc_map.metrics.judging.limits_file import load_limits
 
 EXTRINSICS = {"translation_m": [0.3, 0.0, 0.6], "quat_xyzw": [0.0, 0.3826834323650898, 0.0, 0.9238795325112867]}

@@ -15,8 +15,7 @@ from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.source_settings import source_config
+from sfr_loc_map.io.source_config import SourceConfig, source_config
 from sfr_loc_map.io.truth.messages import enu_m
 from sfr_loc_map.source_setup.examination import propose_config
 

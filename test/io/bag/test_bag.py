@@ -19,7 +19,7 @@ from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.poses import read_frame_tree, read_odometry
 from sfr_loc_map.io.bag.writer import BagWriter, CheckedWriter
-from sfr_loc_map.io.calibration.rectification import rig_of_raw_infos
+from sfr_loc_map.io.calibration.rectification import rig_of_infos
 from sfr_loc_map.io.layouts.bag_source import open_bag
 from sfr_loc_map.io.message_stream import messages_of
 from sfr_loc_map.io.registry import open_source, read_truth
@@ -255,7 +255,7 @@ def test_a_bag_of_raw_images_is_rectified_as_it_is_read(tmp_path: Path, world: W
     source = open_source(write_messages(tmp_path / "b", loc_entries(world, image="image_raw", d=d)))
     assert source.loc.rig.same_cameras(world.loc_rig)
     infos = [replace(messages.camera_info(START_NS, world.loc_rig, "loc", side), d=d) for side in SIDES]
-    _, rectifier = rig_of_raw_infos(infos, "loc")
+    _, rectifier = rig_of_infos(infos, "loc", raw=True)
     for found, pair in zip(source.loc.pairs(), world.pairs, strict=True):
         np.testing.assert_array_equal((found.left, found.right), rectifier.rectify(pair.left, pair.right))
         assert not np.array_equal(found.left, pair.left)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,7 +19,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.io.bag.messages import camera_info
 from sfr_loc_map.io.calibration.calibration_file import read_calibration
 from sfr_loc_map.io.calibration.projections import projection
-from sfr_loc_map.io.calibration.rectification import rig_of_raw_infos, rig_of_rectified_infos
+from sfr_loc_map.io.calibration.rectification import rig_of_infos
 from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
@@ -68,7 +67,7 @@ def test_a_rectification_that_shows_nothing_is_refused() -> None:
         rest = {"distortion_model": "plumb_bob", "roi": roi, "binning_x": 0, "binning_y": 0}
         infos.append(SimpleNamespace(width=200, height=160, **fields, **rest))
     with pytest.raises(InputError, match="the raw image covers 0 % of the rectified image"):
-        rig_of_raw_infos(infos, "loc")
+        rig_of_infos(infos, "loc", raw=True)
 
 
 @pytest.mark.parametrize(("fx", "cx", "cy"), [(1.0, 0.0, 0.0), (1.0, 1e-3, 0.0), (1.02, 6.5, 0.0), (1.0, 0.0, 2.0)])
@@ -79,7 +78,7 @@ def test_rectified_cameras_that_differ_are_made_equal(fx: float, cx: float, cy: 
     p[[0, 3, 5]] *= fx
     p[[2, 6]] += [cx, cy]
     object.__setattr__(right, "p", p)
-    found, rectifier = rig_of_rectified_infos((left, right), "loc")
+    found, rectifier = rig_of_infos((left, right), "loc", raw=False)
     assert found.same_cameras(rig)
     assert (rectifier is None) == (max(fx - 1.0, cx, cy) < 0.01)
     if rectifier is None:
@@ -99,7 +98,7 @@ def test_raw_cameras_with_different_projections_are_rectified_to_that_of_the_lef
     p[[0, 3, 5]] *= 1.02
     p[[2, 6]] += [6.5, 2.0]
     object.__setattr__(right, "p", p)
-    found, rectifier = rig_of_raw_infos((left, right), "loc")
+    found, rectifier = rig_of_infos((left, right), "loc", raw=True)
     assert found.same_cameras(rig)
     x, y, z = 0.1, -0.05, 1.2
     pixels = ([150.0 * (x - shift) / z + 99.5, 150.0 * y / z + 79.5] for shift in (0.0, 0.12))
@@ -108,16 +107,16 @@ def test_raw_cameras_with_different_projections_are_rectified_to_that_of_the_lef
     assert left_u - right_u == pytest.approx(150.0 * 0.12 / z, abs=0.1)
     assert right_v == pytest.approx(left_v, abs=0.1)
     object.__setattr__(right, "p", p + 1e-7)
-    assert rig_of_raw_infos((left, right), "loc", rectifier)[1] is rectifier
+    assert rig_of_infos((left, right), "loc", raw=True, before=rectifier)[1] is rectifier
 
 
-@pytest.mark.parametrize("describe", [rig_of_raw_infos, rig_of_rectified_infos])
-def test_a_shift_in_the_left_projection_is_named(describe: Callable[..., object]) -> None:
+@pytest.mark.parametrize("raw", [True, False])
+def test_a_shift_in_the_left_projection_is_named(raw: bool) -> None:
     rig = StereoRig(200, 160, 150.0, 150.0, 99.5, 79.5, 0.12)
     left, right = (camera_info(START_NS, rig, "loc", side) for side in SIDES)
     object.__setattr__(left, "p", projection(rig, "right"))
     with pytest.raises(InputError, match=r"P\[3\] of the left camera is -18, of the right camera -18"):
-        describe((left, right), "loc")
+        rig_of_infos((left, right), "loc", raw=raw)
 
 
 OPENCV = """%YAML:1.0
@@ -199,13 +198,8 @@ def test_a_stated_size_that_does_not_fit_the_principal_point_is_refused(
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
-@pytest.mark.parametrize(
-    ("describe", "scaled"),
-    [(rig_of_raw_infos, ("left", "right")), (rig_of_raw_infos, ("left",)), (rig_of_rectified_infos, ("right",))],
-)
-def test_a_projection_of_another_image_size_is_refused(
-    describe: Callable[..., object], scaled: tuple[str, ...], factor: float
-) -> None:
+@pytest.mark.parametrize(("raw", "scaled"), [(True, ("left", "right")), (True, ("left",)), (False, ("right",))])
+def test_a_projection_of_another_image_size_is_refused(raw: bool, scaled: tuple[str, ...], factor: float) -> None:
     rig = StereoRig(200, 160, 150.0, 150.0, 99.5, 79.5, 0.12)
     infos = {side: camera_info(START_NS, rig, "loc", side) for side in SIDES}
     for side in scaled:
@@ -213,7 +207,7 @@ def test_a_projection_of_another_image_size_is_refused(
         p[[0, 2, 3, 5, 6]] *= factor
         object.__setattr__(infos[side], "p", p)
     with pytest.raises(InputError, match="as of another image size"):
-        describe(tuple(infos.values()), "loc")
+        rig_of_infos(tuple(infos.values()), "loc", raw=raw)
 
 
 @pytest.mark.parametrize("bf", [0.11, 47872.0])
@@ -329,9 +323,9 @@ def test_the_configuration_applies_to_each_truth_of_euroc(tmp_path: Path, truth:
     assert truth_by(attitude="no", lever_arm_m=(0.0, 0.0, 2.0)).lever_arm_m == (0.0, 0.0, 2.0)
 
 
-@pytest.mark.parametrize("describe", [rig_of_raw_infos, rig_of_rectified_infos])
+@pytest.mark.parametrize("raw", [True, False])
 @pytest.mark.parametrize("fault", ["double size", "region", "binning", "millimetres", "micrometres", "kilometres"])
-def test_camera_info_of_other_images_or_units_is_refused(describe: Callable[..., object], fault: str) -> None:
+def test_camera_info_of_other_images_or_units_is_refused(raw: bool, fault: str) -> None:
     size = 2.0 if fault == "double size" else 1.0
     unit = {"millimetres": 1e3, "micrometres": 1e6, "kilometres": 1e-3}.get(fault, 1.0)
     rig = StereoRig(160, 120, 100.0, 100.0, 79.5, 59.5, 0.12)
@@ -346,4 +340,4 @@ def test_camera_info_of_other_images_or_units_is_refused(describe: Callable[...,
         if fault == "binning":
             object.__setattr__(info, "binning_x", 2)
     with pytest.raises(InputError, match=r"principal point|region of interest|baseline"):
-        describe(infos, "loc")
+        rig_of_infos(infos, "loc", raw=raw)

@@ -15,7 +15,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.io.bag.messages import camera_info
 from sfr_loc_map.io.calibration.projections import baseline_from_projection, check_centre, projection
-from sfr_loc_map.io.calibration.rectification import rig_of_rectified_infos
+from sfr_loc_map.io.calibration.rectification import rig_of_infos
 from sfr_loc_map.suite_names import SIDES
 
 focal = st.floats(10, 5000)
@@ -27,7 +27,7 @@ def test_rigs_of_files_come_through_messages_unchanged(fx: float, fy: float, bas
     rig = StereoRig(80, 60, fx, fy, 33.3, 22.2, baseline_from_projection(fx, -(fx * baseline)))
     assert abs(rig.baseline_m - baseline) <= 4e-16 * baseline
     infos = [camera_info(START_NS, rig, "loc", side) for side in SIDES]
-    assert rig_of_rectified_infos(infos, "loc")[0].same_cameras(rig)
+    assert rig_of_infos(infos, "loc", raw=False)[0].same_cameras(rig)
 
 
 def test_p_alone_describes_rectified_images() -> None:
@@ -36,7 +36,7 @@ def test_p_alone_describes_rectified_images() -> None:
         object.__setattr__(info, "d", np.array([-0.3, 0.1, 0.0, 0.0, 0.0]))
         object.__setattr__(info, "r", np.eye(3)[[1, 0, 2]])
         object.__setattr__(info, "k", 2 * RIG.camera_matrix)
-    assert rig_of_rectified_infos(infos, "loc")[0].same_cameras(RIG)
+    assert rig_of_infos(infos, "loc", raw=False)[0].same_cameras(RIG)
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_camera_info_that_is_not_of_a_rectified_pair(field: str, value: Any, wor
     left, right = (camera_info(START_NS, RIG, "loc", side) for side in SIDES)
     object.__setattr__(right, field, value)
     with pytest.raises(InputError, match=words):
-        rig_of_rectified_infos((left, right), "loc")
+        rig_of_infos((left, right), "loc", raw=False)
 
 
 @pytest.mark.parametrize(

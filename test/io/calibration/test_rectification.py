@@ -11,7 +11,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.io.calibration.projections import projection
-from sfr_loc_map.io.calibration.rectification import rig_of_raw_infos
+from sfr_loc_map.io.calibration.rectification import rig_of_infos
 
 RIG = StereoRig(200, 160, 150.0, 150.0, 99.5, 79.5, 0.12)
 K = (140.0, 0.0, 101.0, 0.0, 141.0, 78.0, 0.0, 0.0, 1.0)
@@ -33,7 +33,7 @@ def info(side: Any, model: str = "plumb_bob", **changes: Any) -> SimpleNamespace
 
 @pytest.mark.parametrize("model", D)
 def test_a_point_is_where_the_rectified_rig_sees_it(model: str) -> None:
-    rig, rectifier = rig_of_raw_infos([info("left", model), info("right", model)], "loc")
+    rig, rectifier = rig_of_infos([info("left", model), info("right", model)], "loc", raw=True)
     assert rig.same_cameras(RIG)
     for point in ([0.2, -0.3, 1.4], [-0.5, 0.35, 1.6], [0.1, 0.1, 3.0]):
         raw, wanted = [], []
@@ -61,4 +61,4 @@ def test_a_point_is_where_the_rectified_rig_sees_it(model: str) -> None:
 )
 def test_what_cannot_be_rectified_is_refused(changes: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=f"^loc/left/camera_info[^\n]*{words}"):
-        rig_of_raw_infos([info("left", **changes), info("right")], "loc")
+        rig_of_infos([info("left", **changes), info("right")], "loc", raw=True)

@@ -19,8 +19,7 @@ from sfr_loc_map.io.clouds.cloud_file import load_cloud
 from sfr_loc_map.io.convert import ConvertOptions, Layout, convert
 from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig
-from sfr_loc_map.io.source_settings import source_config
+from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, source_config
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.stored.score_json import from_json
