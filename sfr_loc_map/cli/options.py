@@ -120,7 +120,8 @@ RemapOption = Annotated[
     ),
 ]
 CalibrationOption = Annotated[
-    Path | None, Option(metavar="F", help="Calibration file of Kalibr, OpenCV, ROS or COLMAP, or a rig.json.")
+    Path | None,
+    Option(metavar="F", help="Calibration file of Kalibr, OpenCV, ROS, COLMAP, EuRoC or ORB-SLAM, or a rig.json."),
 ]
 SectionsOption = Annotated[
     list[str] | None,

@@ -106,7 +106,7 @@ class SampleDepth:
     """Bit depth of the 16-bit samples of a stereo camera: the smallest of `SAMPLE_BITS` that holds all samples so far.
 
     Sensors of 10, 12 or 14 bits use the lower part of the 16-bit range (mono16). Both images of a pair have the same
-    depth. The depth never decreases, so that the brightness scale does not change from pair to pair.
+    depth. The depth never decreases. If it increases, the brightness scale changes once, which is reported.
     """
 
     def __init__(self, report: Callable[[str], object], name: str, bits: int = 0) -> None:

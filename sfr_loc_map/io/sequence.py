@@ -15,7 +15,6 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig
-from sfr_loc_map.io.source_format import SourceFormat
 from sfr_loc_map.suffixes import suffix_of
 from sfr_loc_map.suite_names import IMAGE_ENDINGS
 
@@ -83,7 +82,7 @@ class Source:
     """An opened data set folder, bag or sequence. A field is None if the source does not contain it."""
 
     path: Path
-    format: SourceFormat  #: Shown to users. The processing does not depend on it.
+    format: str  #: Name of the format for users; that of a bag states whether its messages are used as recorded.
     loc: LocSequence | None  #: The drive.
     nav: NavSequence | None  #: The mapping pairs.
     config: SourceConfig = DEFAULT_SOURCE  #: Configuration that the source is read with.

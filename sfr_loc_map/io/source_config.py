@@ -51,7 +51,10 @@ class FramesConfig:
 class CalibrationConfig:
     """The calibration of the localisation cameras, if the source has none, and the layout of their images."""
 
-    file: str = param("", doc="Calibration by Kalibr, OpenCV, ROS or COLMAP, or a rig.json; empty: that of the source.")
+    file: str = param(
+        "",
+        doc="Calibration by Kalibr, OpenCV, ROS, COLMAP, EuRoC or ORB-SLAM, or a rig.json; empty: that of the source.",
+    )
     baseline_m: float = param(
         0.0, unit="m", doc="Baseline, if P[3] of camera_info is 0; 0: the baseline is given by P.", low=0.0, high=100.0
     )
@@ -89,7 +92,7 @@ def _optional_transform(
 ) -> Transform | None:
     """Return a transform of two parameters; None if both are zero, which means that they are not given.
 
-    ConfigError if only the translation is given, because no rotation is assumed, or if the quaternion is no rotation.
+    ConfigError if a translation is given without a rotation, or if the quaternion is not a rotation.
     """
     if not any(quat_xyzw):
         if any(translation_m):

@@ -21,12 +21,10 @@ PAIR_FILES = tuple(f"{part}/{name}" for part in (".", "loc", "nav") for name in 
 
 
 class SourceFormat(StrEnum):
-    """The format of a source as shown to users. That of a bag also states whether its messages are used as recorded."""
+    """The format of a source."""
 
     FOLDER = "sfr"
     BAG = "bag"
-    RAW_BAG = "bag of raw images"
-    CONFIGURED_BAG = "bag, as configured"
     KITTI = "kitti"
     EUROC = "euroc"
     IMAGES = "images"

@@ -14,9 +14,10 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.poses import read_odometry
+from sfr_loc_map.io.truth.messages import TRUTH_TYPES
 from sfr_loc_map.message_types import ODOMETRY, STRING, TF
 from sfr_loc_map.suite_names import Task
-from sfr_loc_map.topics import ESTIMATE, TRUE_POSES, call_topic
+from sfr_loc_map.topics import ESTIMATE, NAV_POSE, TRUE_POSES, call_topic
 
 CALLS = call_topic(Task.LOCALISATION)
 
@@ -41,14 +42,23 @@ def read_bag_estimate(path: Path) -> BagEstimate:
     if topic is None and set(bag.topics.values()) <= {ODOMETRY, TF}:  # a converted trajectory, not a drive
         topic = bag.find(TRUE_POSES, ODOMETRY)
     if topic is None:
-        raise InputError(
-            f"bag '{path}' has no topic localisation/odometry: it has {', '.join(list(bag.topics)[:8])}; give a bag "
-            "with estimates, or a TUM or csv file"
-        )
+        raise _without_estimates(bag)
     trajectory, covariances = read_odometry(bag, topic)
     calls = _calls_of(bag, topic)
     stats = stats_of(calls, stated_tasks=(Task.LOCALISATION,)) if calls else None
     return BagEstimate(trajectory, covariances, stats)
+
+
+def _without_estimates(bag: Bag) -> InputError:
+    """Return the error of a bag without the topic of estimates, with the command that reads another topic."""
+    advice = "give a bag with estimates, or a TUM or csv file"
+    others = (name for name, kind in sorted(bag.topics.items()) if kind in TRUTH_TYPES)
+    topic = next((name for name in others if not name.endswith((NAV_POSE, TRUE_POSES))), None)
+    if topic is not None:
+        convert = f"sfr convert '{bag.path}' estimate.tum --remap {topic}:={TRUE_POSES}"
+        advice = f"write the estimates of another topic, such as {topic}, to a file, and score this file: {convert}"
+    found = ", ".join(list(bag.topics)[:8])
+    return InputError(f"bag '{bag.path}' has no topic {ESTIMATE}: it has {found};", advice)
 
 
 def _calls_of(bag: Bag, odometry: Topic) -> list[CallRecord]:

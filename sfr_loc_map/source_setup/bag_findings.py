@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from sfr_loc_map.configuration.sections import Key
@@ -66,7 +64,7 @@ def with_calibration(proposal: Proposal, bag: Bag) -> Proposal:
     if image_name(bag, "loc") is None or given.file:
         return proposal
     if len(messages) < len(SIDES):
-        text = "no camera_info: give --calibration FILE (Kalibr, OpenCV, ROS, COLMAP or rig.json)"
+        text = "no camera_info: give --calibration FILE (Kalibr, OpenCV, ROS, COLMAP, EuRoC, ORB-SLAM or rig.json)"
         return proposal.adding(missing=[text])
     left, right = (messages[f"loc/{side}/camera_info"] for side in SIDES)
     if right.p[3] != 0 or left.p[3] != 0 or given.baseline_m:
@@ -99,14 +97,14 @@ def with_sync(proposal: Proposal, bag: Bag) -> Proposal:
         return proposal
     left_ns, right_ns = (np.array(side, np.int64) for side in stamps.values())
     right_ns = right_ns + round(given.right_offset_s * NS_PER_S)
-    settings = _offset_or_tolerance(left_ns, right_ns, given.stamp_tolerance_ns)
-    return proposal.adding(*(Value(Key("sync", name), value, reason) for name, value, reason in settings))
+    setting = _offset_or_tolerance(left_ns, right_ns, given.stamp_tolerance_ns)
+    return proposal if setting is None else proposal.adding(setting)
 
 
-def _offset_or_tolerance(left_ns: IntArray, right_ns: IntArray, tolerance_ns: int) -> Iterator[tuple[str, float, str]]:
-    """Yield the setting of `sync` that pairs left and right stamps, with its value and reason; at most one.
+def _offset_or_tolerance(left_ns: IntArray, right_ns: IntArray, tolerance_ns: int) -> Value | None:
+    """Return the value in `sync` that pairs left and right stamps; None if no value is required or known.
 
-    A difference within the tolerance requires no setting. No setting is proposed if the differences, including
+    A difference within the tolerance requires no value. No setting is proposed if the differences, including
     their spread, reach half a period, because it is then unknown which right image belongs to a left image. A constant
     smaller difference is an offset of the right stamps. A varying difference requires a larger tolerance.
     """
@@ -116,12 +114,12 @@ def _offset_or_tolerance(left_ns: IntArray, right_ns: IntArray, tolerance_ns: in
     spread_ns = float(np.percentile(np.abs(difference_ns - typical_ns), 95))
     largest_ns = abs(typical_ns) + spread_ns
     if largest_ns <= below_half_period(tolerance_ns, [int(period_ns)]) or 2 * largest_ns >= period_ns:
-        return
+        return None
     if spread_ns < STEADY * period_ns:
         late = f"{abs(typical_ns) / NS_PER_S:.4g} s {'late' if typical_ns > 0.0 else 'early'}"
         text = f"right stamps are {late}, within {spread_ns / NS_PER_S:.2g} s, modulo the period"
-        yield "right_offset_s", round(-typical_ns / NS_PER_S, 6), text
-    else:
-        largest_s = largest_ns / NS_PER_S
-        tolerance_s = max(largest_s, min(1.5 * largest_s, MAX_TOLERANCE_S))
-        yield "stamp_tolerance_s", round(tolerance_s, 4), f"stamps vary by {spread_ns / NS_PER_S:.2g} s"
+        return Value(Key("sync", "right_offset_s"), round(-typical_ns / NS_PER_S, 6), text)
+    largest_s = largest_ns / NS_PER_S
+    tolerance_s = max(largest_s, min(1.5 * largest_s, MAX_TOLERANCE_S))
+    text = f"stamps vary by {spread_ns / NS_PER_S:.2g} s"
+    return Value(Key("sync", "stamp_tolerance_s"), round(tolerance_s, 4), text)

@@ -38,21 +38,21 @@ def propose_config(source: Path, given: Configuration, before: Configuration = N
     except CalibrationError:
         raise
     except SfrError as error:  # if values are missing, they are the cause, and the error is not reported
-        return _without_truth(proposal, given, "" if proposal.missing else str(error))
+        return _without_drive_or_truth(proposal, given, "" if proposal.missing else str(error))
     if loc is None:
-        return _without_truth(proposal, given)
+        return _without_drive_or_truth(proposal, given)
     proposal = with_extrinsics(proposal, loc)
     try:
         truth = loc.ground_truth
     except SfrError as error:
-        return _without_truth(proposal, given, str(error))
+        return _without_drive_or_truth(proposal, given, str(error))
     if truth is not None:
         return _with_truth(proposal, truth, loc.stamps_ns)
     return proposal if recorded is None else _with_possible_truth(proposal, recorded)
 
 
 def _given_values(source: Path, given: Configuration, before: Configuration) -> Proposal:
-    """Return the proposal that has only the given values."""
+    """Return the proposal of the given values, in which files are named relative to the folder of the `sfr.yaml`."""
     sections = copied(given.sections)
     sections.setdefault("topics", {})
     keys = map(Key.parse, flatten(before.sections))
@@ -110,10 +110,10 @@ def _with_possible_truth(proposal: Proposal, recorded: Bag) -> Proposal:
     return proposal.adding(remarks=[text])
 
 
-def _without_truth(proposal: Proposal, given: Configuration, problem: str = "") -> Proposal:
-    """Return the proposal of a source whose drive or truth cannot be read, with the problem, unless it is empty.
+def _without_drive_or_truth(proposal: Proposal, given: Configuration, problem: str = "") -> Proposal:
+    """Return the proposal of a source that has no drive, or whose drive or truth cannot be read, with the problem.
 
-    Raises the error of reading the truth if the configuration names a truth that is invalid or corrupt.
+    An empty problem is not added. A truth that the configuration names is read, so that an invalid one is an error.
     """
     truth = given.section("truth")
     if truth.get("source") or (truth.get("frame") and is_bag(proposal.source)):

@@ -5,13 +5,15 @@ from pathlib import Path
 
 import pytest
 
+from helpers.broken_sources import renamed_bag
 from helpers.made_scene import write_folder
 from helpers.scored_drives import straight
 from sfr_loc_map import api, api_types
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.hashes import hash_path
-from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.registry import open_source, read_truth
+from sfr_loc_map.io.source_config import source_config
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
@@ -91,3 +93,11 @@ def test_the_truth_of_a_map_may_not_change_while_a_cloud_in_memory_is_scored(
     }
     with pytest.raises(InputError, match="changed or replaced while it was scored"):
         views[view]()
+
+
+def test_a_bag_with_estimates_on_another_topic_names_the_command_that_reads_them(tmp_path: Path) -> None:
+    bag = renamed_bag(tmp_path / "x.mcap", "ground_truth/odometry", "vio/poses")
+    poses = read_truth(bag, source_config(bag, remap={"/vio/poses": "ground_truth/odometry"}))
+    save_trajectory(tmp_path / "truth.csv", poses)
+    with pytest.raises(InputError, match=r"sfr convert .* estimate\.tum --remap /vio/poses:=ground_truth/odometry$"):
+        load_run(ScoreInputs.of(bag, tmp_path / "truth.csv"))

@@ -1,4 +1,4 @@
-"""Topics, messages and poses of ROS 2 (sqlite3, mcap) and ROS 1 bags, read as a stream; each pass reopens the files."""
+"""Topics and messages of ROS 2 (sqlite3, mcap) and ROS 1 bags, read as a stream; each pass reopens the files."""
 
 from __future__ import annotations
 

@@ -9,5 +9,5 @@ images are not rectified, the `StereoRectifier`.
     file        programs ─► CameraPair ─► StereoCalibration (rig, rectifier)             calibration_file
 
 `calibration_file` selects the program by the content of the file (`opened_file`), and `programs` has a module for each
-program. `rig_file` reads and writes the rig.json of the suite.
+program. `projections` checks P and the rig of any format. `rig_file` reads and writes the rig.json of the suite.
 """

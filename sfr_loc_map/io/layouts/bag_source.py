@@ -193,7 +193,7 @@ def open_bag(path: Path, config: SourceConfig = DEFAULT_SOURCE) -> Source:
     is_adapted = config.changes_messages or not has_poses
     return Source(
         path,
-        SourceFormat.RAW_BAG if is_raw else SourceFormat.CONFIGURED_BAG if is_adapted else SourceFormat.BAG,
+        "bag of raw images" if is_raw else "bag, as configured" if is_adapted else SourceFormat.BAG,
         loc,
         nav,
         config=config,

@@ -31,10 +31,10 @@ class TableWriter:
             stream.close()
 
     def write_nav_rig(self, rig: StereoRig) -> None:
-        """Ignore the rig of mapping pairs, which most layouts do not support."""
+        """Ignore the rig of mapping pairs, which KITTI and EuRoC do not have."""
 
     def write_nav_pair(self, nav: PosedStereoPair) -> None:
-        """Ignore a mapping pair."""
+        """Ignore a mapping pair, which KITTI and EuRoC do not have."""
 
     def write_truth(self, stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> None:
         """Add a true pose of RB in DS; the truth is written at the end."""

@@ -12,7 +12,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_rotate
@@ -39,11 +38,9 @@ def truth_of_rb(
     variances = checked.recorded.variances
     if variances is None:
         variances = np.full((len(poses), 6), np.nan)
-    has_attitude = {"yes": True, "no": False}.get(config.attitude, poses.has_attitude and _is_stated(variances[:, 3:]))
-    if has_attitude and not poses.has_attitude:
-        raise InputError(f"truth {recorded.read_from} has no attitudes:", "set truth.attitude to auto or no")
+    has_attitude = poses.has_attitude
     positions = poses.positions
-    quats = poses.quats_xyzw if has_attitude else np.zeros((len(poses), 4))
+    quats = poses.quats_xyzw
     lever = np.array(config.lever_arm_m)
     if has_attitude and config.has_lever:
         quats = quat_multiply(_unit(quats), quat_conjugate(_unit(np.array(config.lever_quat_xyzw))))
@@ -69,12 +66,6 @@ def _unit(quats_xyzw: FloatArray) -> FloatArray:
     norm = np.linalg.norm(quats_xyzw, axis=-1, keepdims=True)
     is_unit = (norm == 0.0) | (np.abs(norm - 1.0) <= UNIT_NORM)
     return np.asarray(quats_xyzw / np.where(is_unit, 1.0, norm))
-
-
-def _is_stated(variances: FloatArray) -> bool:
-    """Return whether at least one attitude is known, or has no variance, according to variances `(N, 3)`."""
-    is_known = (variances < LOST_VARIANCE).any(axis=1) & (variances >= 0.0).all(axis=1)
-    return bool(is_known.any() or np.isnan(variances).any())
 
 
 def sigma_of(variances: FloatArray) -> float:

@@ -1,7 +1,7 @@
 """Checks of true paths: which poses are possible given the others, and which components are known.
 
-The checks apply to every file and topic. An impossible pose has a stray stamp or an unreachable position. It is ignored
-and counted; if more than `MAX_INVALID` of the poses are impossible, all are kept, and this is reported.
+The checks apply to every file and topic. An impossible pose has a stray stamp or an unreachable position; it is ignored
+and counted. If more than `MAX_INVALID` of the positions are unreachable, all of them are kept, and this is reported.
 `geometry.plausibility` has already decided whether each single pose is valid. An attitude that never changes along a
 path that turns is the placeholder of a position tracker (GNSS, prism); only the positions are then kept. A height that
 never changes, or zero roll and pitch, along such a path are placeholders of a planar source.
@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -142,7 +143,7 @@ def path_turns(positions: FloatArray) -> bool:
 
 
 def possible_poses(poses: Trajectory) -> tuple[Mask, tuple[str, ...]]:
-    """Return which poses are possible, `(N,)`, and one finding for each kind of impossible poses."""
+    """Return which poses are possible, `(N,)`, and the findings about stray stamps and excessive speeds."""
     kept = ~stray_stamps(poses.stamps_ns)
     findings = []
     if not kept.all():
@@ -170,7 +171,7 @@ def _of(wrong: Mask) -> str:
 class CheckedTruth:
     """The possible poses of a truth, and their known components."""
 
-    recorded: RecordedTruth  #: The possible poses, without attitudes if the attitudes are placeholders.
+    recorded: RecordedTruth  #: The possible poses, without attitudes that are placeholders, unknown or not to be used.
     has_height: bool = True  #: Whether z is known.
     has_tilt: bool = True  #: Whether roll and pitch are known.
 
@@ -180,8 +181,9 @@ def check_poses(
 ) -> CheckedTruth:
     """Return the possible poses of a truth; warnings report the others.
 
-    An attitude that never changes along a path that turns is invalid. Only the positions are then kept, unless
-    `attitude` is yes. `unknown` names the unknown components (`TrackedBodyConfig.unknown`); auto infers them.
+    If `attitude` is no, only the positions are kept. If `attitude` is auto, attitudes are removed that never change
+    along a path that turns, or that the variances mark as unknown. `unknown` names the unknown components
+    (`TrackedBodyConfig.unknown`); auto infers them. InputError if `attitude` is yes but the truth has no attitudes.
     """
     if not len(recorded.poses):
         return CheckedTruth(recorded)
@@ -208,6 +210,10 @@ def check_poses(
     name = f"truth {recorded.read_from}".rstrip()
     for text in findings:
         warn(f"{name}: {text}")
+    if attitude == "yes" and not recorded.poses.has_attitude:
+        raise InputError(f"{name} has no attitudes:", "set truth.attitude to auto or no")
+    if attitude == "no" or (attitude == "auto" and not has_known_attitude(recorded)):
+        recorded = recorded.without_attitudes()
     return CheckedTruth(recorded, has_height, has_tilt)
 
 
@@ -218,6 +224,15 @@ def known_components(recorded: RecordedTruth) -> tuple[bool, bool]:
     has_height = not no_height and not has_constant_height(poses)
     has_tilt = not poses.has_attitude or not (no_tilt or has_no_tilt(poses))
     return has_height, has_tilt
+
+
+def has_known_attitude(recorded: RecordedTruth) -> bool:
+    """Return whether the variances state at least one attitude as known, or state nothing about one."""
+    if recorded.variances is None:
+        return True
+    variances = recorded.variances[:, 3:]
+    is_known = (variances < LOST_VARIANCE).any(axis=1) & (variances >= 0.0).all(axis=1)
+    return bool(is_known.any() or np.isnan(variances).any())
 
 
 def marked_as_unknown(variances: FloatArray) -> tuple[bool, bool]:
