@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.extrinsics import BASE_FRAMES, NAVSB_FRAME, mast_head_in_rb, rig_in_body
 from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.geometry.stamped_poses import covered, sampled
@@ -39,28 +40,21 @@ def head_poses(
 
 
 def _by_tf(bag: Bag, camera_frame: str, baseline_m: float, stamps_ns: IntArray, base: str) -> list[Transform] | None:
-    """Return the poses from /tf and /tf_static; None if these do not connect rover and camera.
+    """Return the poses from /tf and /tf_static; None without stamps or a connection between rover and camera.
 
-    Each stamp has a tree of the transforms that are known at this stamp. The tree of all transforms shows whether the
-    frames are connected at all, so that a gap in the recording is an error and a missing connection is not.
+    At each stamp the transforms that are known at this stamp give the pose. All transforms, known or not, show whether
+    the frames are connected at all, so that a gap in the recording is an error and a missing connection is not.
     """
-    frames = read_frames(bag)
-    ends = (NAVSB_FRAME, camera_frame.strip("/"), *([base] if base else BASE_FRAMES))
-    ends = tuple(name for name in frames if name in ends or name.rpartition("/")[2] in ends)
-    complete_tree, trees = FrameTree(), [FrameTree() for _ in stamps_ns]
-    for name in {name for end in ends for name in chain_above(frames, end)}:
-        frame, poses = frames[name], frames[name].poses
-        check_stamp_order(poses.stamps_ns, f"bag '{bag.path}', '{name}' on /tf", strict=False)
-        known = covered(poses.stamps_ns, stamps_ns) | frame.is_static
-        for tree, is_known, position, quat in zip(trees, known, *sampled(poses, stamps_ns), strict=True):
-            pose = Transform.from_quat(position, quat)
-            complete_tree.add(frame.parent, name, pose)
-            if is_known:
-                tree.add(frame.parent, name, pose)
-    rig, *rigs = (rig_in_body(tree, camera_frame, baseline_m, base, NAVSB_FRAME) for tree in (complete_tree, *trees))
+    if not len(stamps_ns):
+        return None
+    frames = _frames_at(bag, stamps_ns, (NAVSB_FRAME, camera_frame.strip("/"), *([base] if base else BASE_FRAMES)))
+    rig = rig_in_body(_tree(frames, -1, with_unknown=True), camera_frame, baseline_m, base, NAVSB_FRAME)
     if rig is None:
         return None
-    for stamp, rig_at_stamp in zip(stamps_ns, rigs, strict=True):
+    T_rb_navsb: list[Transform] = []
+    for row, stamp in enumerate(stamps_ns):
+        tree = _tree(frames, row, with_unknown=False)
+        rig_at_stamp = rig_in_body(tree, camera_frame, baseline_m, base, NAVSB_FRAME)
         if rig_at_stamp is None:
             raise InputError(
                 f"bag '{bag.path}': at stamp {stamp} the transforms on /tf from {rig.read_from}, which give the pose "
@@ -73,7 +67,40 @@ def _by_tf(bag: Bag, camera_frame: str, baseline_m: float, stamps_ns: IntArray, 
                 f"stamp {stamp} by those from {rig_at_stamp.text}:",
                 f"record /tf {RECORDING}",
             )
-    return [found.T_rb_sb for found in rigs if found is not None]
+        T_rb_navsb.append(rig_at_stamp.T_rb_sb)
+    return T_rb_navsb
+
+
+class _FrameAtStamps(NamedTuple):
+    """A frame on /tf or /tf_static at given stamps."""
+
+    name: str
+    parent: str
+    poses: list[Transform]  #: Poses in the parent, interpolated; extrapolated outside of the recorded time.
+    is_known: Mask  #: Whether the recording covers each stamp.
+
+
+def _frames_at(bag: Bag, stamps_ns: IntArray, ends: Collection[str]) -> list[_FrameAtStamps]:
+    """Return the frames with the names `ends`, and all frames above them, at stamps `(N,)`."""
+    recorded = read_frames(bag)
+    found = [name for name in recorded if name in ends or name.rpartition("/")[2] in ends]
+    frames = []
+    for name in {name for end in found for name in chain_above(recorded, end)}:
+        frame = recorded[name]
+        check_stamp_order(frame.poses.stamps_ns, f"bag '{bag.path}', '{name}' on /tf", strict=False)
+        is_known = covered(frame.poses.stamps_ns, stamps_ns) | frame.is_static
+        poses = [Transform.from_quat(*pose) for pose in zip(*sampled(frame.poses, stamps_ns), strict=True)]
+        frames.append(_FrameAtStamps(name, frame.parent, poses, is_known))
+    return frames
+
+
+def _tree(frames: Sequence[_FrameAtStamps], row: int, *, with_unknown: bool) -> FrameTree:
+    """Return the tree of frames at the stamp of a row, with or without frames that are unknown at this stamp."""
+    tree = FrameTree()
+    for frame in frames:
+        if with_unknown or frame.is_known[row]:
+            tree.add(frame.parent, frame.name, frame.poses[row])
+    return tree
 
 
 def _by_joints(bag: Bag, camera_frame: str, stamps_ns: IntArray, config: FramesConfig) -> list[Transform]:
@@ -120,6 +147,7 @@ def _angles_at(stamps_ns: IntArray, recorded: Sequence[tuple[int, float]], where
     """Return the interpolated angles of a joint at stamps; InputError if a stamp is not covered."""
     known_ns, angles = (np.array(column) for column in zip(*recorded, strict=True))
     check_stamp_order(known_ns, where, strict=False)
-    for stamp in stamps_ns[~covered(known_ns, stamps_ns)]:
-        raise InputError(f"{where} at stamp {stamp} is unknown:", f"record it {RECORDING}")
+    unknown_ns = stamps_ns[~covered(known_ns, stamps_ns)]
+    if len(unknown_ns):
+        raise InputError(f"{where} at stamp {unknown_ns[0]} is unknown:", f"record it {RECORDING}")
     return np.asarray(np.interp(stamps_ns - known_ns[0], known_ns - known_ns[0], np.unwrap(angles)))

@@ -34,13 +34,12 @@ def columns_of_user(head: TableHead, columns: str) -> PoseColumns:
     A unit that the user does not give is that in the header, or in a line of units below the header. InputError if two
     of these units differ.
     """
-    header = _header_above(head)
+    header_index, header = _header_above(head)
     texts = [item.strip() for item in columns.split(",")]
     is_ordered = not any("=" in text for text in texts)
     items = [item for item in _items(texts, header, is_ordered=is_ordered) if item.key != SKIPPED]
     index_of = _checked_columns(head, columns, items, header)
-    number = max((number for number, line in enumerate(head.before) if head.cells_of(line) == header), default=0)
-    below = units_below(head, number, len(header)) if header else []
+    below = units_below(head, header_index, len(header)) if header else []
     titles = header if len(header) == head.width or not is_ordered else []
     units = {
         key: unit_of_column(head, key, _cell(titles, index_of[key]), _cell(below, index_of[key]), unit)
@@ -115,14 +114,17 @@ def columns_text(index_of: Mapping[str, int], units: Mapping[str, str]) -> str:
     return ",".join(texts)
 
 
-def _header_above(head: TableHead) -> list[str]:
-    """Return the cells of the last line before the rows that has a title for most columns and is not a line of units.
+def _header_above(head: TableHead) -> tuple[int, list[str]]:
+    """Return the index in `head.before`, and the cells, of the line with the titles of the columns.
 
-    If there is no such line, return the cells of the longest line; empty without lines before the rows.
+    This is the last line that has a title for most columns and is not a line of units. If there is no such line, this
+    is the line with most cells. Without lines before the rows there are no cells.
     """
-    lines = [head.cells_of(line) for line in head.before]
-    titles = [cells for cells in lines if 2 * sum(map(bool, cells)) > head.width and not are_units(units_in(cells))]
-    return titles[-1] if titles else max(lines, key=len, default=[])
+    lines = [*enumerate(map(head.cells_of, head.before))]
+    for index, cells in reversed(lines):
+        if 2 * sum(map(bool, cells)) > head.width and not are_units(units_in(cells)):
+            return index, cells
+    return max(lines, key=lambda line: len(line[1]), default=(0, []))
 
 
 def _column(text: str, header: Sequence[str]) -> tuple[int | None, str]:
