@@ -60,7 +60,7 @@ CONTEXT = SimpleNamespace()
             "monitor_node was killed by SIGKILL",
         ),
         (
-            InputError("'drive': localisation_node: the images differ: correct them"),
+            InputError("'drive': localisation_node: the images differ:", "correct them"),
             "'drive': localisation_node: the images differ",
         ),
         (MetricsError("no frame"), "no frame"),
