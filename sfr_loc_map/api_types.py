@@ -84,11 +84,10 @@ class Shown:
         Fields of a subclass of the extended type are omitted, such as the uncertainty of a truth in a trajectory.
         ConfigError for a value of another type.
         """
-        if isinstance(value, cls):
-            return replace(value, **further)  # type: ignore[type-var] # each subclass is a dataclass
         if not isinstance(value, cls._extended):
             raise wrong_type("value", value, f"a {cls.__name__}")
-        return cls(**{item.name: getattr(value, item.name) for item in fields(cls._extended)}, **further)
+        given: type[Any] = cls if isinstance(value, cls) else cls._extended
+        return cls(**{item.name: getattr(value, item.name) for item in fields(given)} | further)
 
     def _facts(self) -> dict[str, str]:
         """Return the displayed facts by name."""

@@ -63,6 +63,8 @@ def decode_call(text: str, task: Task) -> CallRecord:
         stated_task = content.get("task", task)
         if stated_task != task:
             raise ValueError(f"task is {stated_task!r:.40}: '{task}' is required on this topic")
+        if content.get("processing_time_s", UNKNOWN_TIME_S) is None:
+            raise ValueError("'processing_time_s' is null: a number of seconds is required, 0 if it is unknown")
         record = msgspec.convert(content, CallRecord, dec_hook=_from_plain)
         state = record.state or DEFAULT_STATE[task]
         if state not in STATES_OF[task]:

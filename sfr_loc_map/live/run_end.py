@@ -24,6 +24,14 @@ class RunEnd(msgspec.Struct, frozen=True):
             write_text(msgspec.json.encode(self).decode(), path)
 
     @staticmethod
+    def version(path: Path) -> tuple[int, int] | None:
+        """Return inode and time of change of a file, which differ after each `write`; None without a file."""
+        with suppress(OSError):
+            status = path.stat()
+            return status.st_ino, status.st_mtime_ns
+        return None
+
+    @staticmethod
     def read(path: Path) -> RunEnd | None:
         """Return the content of a file; None before the file is written."""
         try:

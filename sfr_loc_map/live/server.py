@@ -282,7 +282,7 @@ async def serve_until_signal(server: LiveServer, *, open_browser: bool = False, 
     Once the run is over, its process writes to `end_file` how the run ended (`RunEnd`). The pages display the end and
     can still be opened.
     """
-    shown_end: RunEnd | None = None
+    shown_version: tuple[int, int] | None = None
 
     def announce(url: str) -> None:
         print(f"live: {url}", flush=True)
@@ -291,10 +291,13 @@ async def serve_until_signal(server: LiveServer, *, open_browser: bool = False, 
 
     def show_end_of_run() -> None:
         """Display how the run ended, if its process has reported this since the last call."""
-        nonlocal shown_end
-        run_end = None if end_file is None else RunEnd.read(end_file)
-        if run_end is not None and run_end != shown_end:
-            shown_end = run_end
+        nonlocal shown_version
+        version = None if end_file is None else RunEnd.version(end_file)
+        if end_file is None or version in (None, shown_version):
+            return
+        run_end = RunEnd.read(end_file)
+        if run_end is not None:
+            shown_version = version
             server.show_end(run_end)
 
     async def watch_run() -> None:

@@ -88,7 +88,9 @@ def test_a_map_scored_in_memory_has_the_figures_of_the_command(
 
 def test_two_trajectories_are_scored(estimate: suite.Trajectory, folder: Path, tmp_path: Path) -> None:
     truth = suite.open(folder).truth
-    assert suite.score(estimate, suite.Trajectory.of(truth), ["frames=2"], spacing=1).verdict is None
+    poses = suite.Trajectory.of(truth)
+    assert type(poses) is suite.Trajectory, "the uncertainty of a truth is not part of its poses"
+    assert suite.score(estimate, poses, ["frames=2"], spacing=1).verdict is None
     scored = suite.score(estimate, truth, ["frames=2"], spacing=1)
     assert scored.verdict is None
     moved = suite.score(replace(truth, positions=truth.positions + 1.0), truth, ["frames=2"], spacing=1)

@@ -294,6 +294,7 @@ def test_a_time_of_0_is_unknown_in_a_live_score_as_in_a_file() -> None:
         '{"stamp_ns": 99999999999999999999, "processing_time_s": 1}',
         '{"stamp_ns": 5, "processing_time_s": NaN}',
         '{"stamp_ns": 5, "processing_time_s": 1e7}',
+        '{"stamp_ns": 5, "processing_time_s": null}',
         '{"stamp_ns": 5, "processing_time_s": 1, "state": "cooking"}',
         '{"stamp_ns": 5, "processing_time_s": 1, "state": "mapped"}',
         '{"stamp_ns": 5, "processing_time_s": 1, "task": "mapping"}',

@@ -73,7 +73,7 @@ def _columns_of_table(head: TableHead) -> PoseColumns:
 
 
 def _with_unit_of_stamps(head: TableHead, columns: PoseColumns) -> PoseColumns:
-    """Return the columns with the unit of the column `t`, which is inferred from the stamps unless it is columns.
+    """Return the columns with the unit of the column `t`, which is inferred from the stamps unless it is stated.
 
     InputError if several units are possible, or if the stamps are probably not times in a unit.
     """
