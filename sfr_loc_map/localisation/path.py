@@ -42,8 +42,8 @@ from the last accepted pair, so that their covariance contains the unobserved mo
 discarded, and the motion from the stamp to the pair is unobserved.
 
 **Stamps.** `last.known_ns` is the stamp since which the motion is unobserved, and `last.accepted_ns` is the stamp of
-the last accepted pair. The stamps differ only after a start pose or a reset, until the next accepted pair. A reset
-changes `known_ns`, and empties the history.
+the last pair that was accepted or began a window. The stamps differ only after a start pose or a reset, until the next
+such pair. A reset changes `known_ns`, and empties the history.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ from sfr_loc_map.simulation.world import World
 def write_jobs(
     config: SimulationConfig, out: Path, jobs: Sequence[RenderJob], workers: int, progress: Callable[[int], None]
 ) -> None:
-    """Write the files of jobs in `workers` processes; OutputError if a process is killed.
+    """Write the files of jobs in `workers` processes; OutputError if a process is killed or lacks memory.
 
     `progress` is called with the number of finished jobs.
     """
@@ -41,9 +41,9 @@ def write_jobs(
         for worker in set(multiprocessing.active_children()) - others:
             worker.kill()
         raise
-    except BrokenProcessPool as error:
+    except (BrokenProcessPool, MemoryError) as error:
         raise OutputError(
-            "a worker process was killed (out of memory?): run the command again with fewer --workers to continue"
+            "a worker process was killed or has no memory: run the command again with fewer --workers to continue"
         ) from error
     finally:
         pool.shutdown(wait=True, cancel_futures=True)

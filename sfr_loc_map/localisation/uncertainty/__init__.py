@@ -7,8 +7,8 @@ its origin. The covariance of a pose is the sum of seven terms:
 
 Names: f is the focal length, px, and b the baseline, m. Z_map is the median depth, m, of the landmarks of the map, and
 Z_tracked that of the tracked landmarks. `given_keyframes` is the covariance of a pose given the keyframes, the inverse
-of `Tracks.information`. `yaw_sigma` is the standard deviation of the right camera's yaw, px, and `remaining` is the
-part of the estimated yaw that is not corrected yet, px (`online_calibration.YawEstimate`).
+of `Tracks.information`. `yaw_sigma_px` is the standard deviation of the right camera's yaw, px, and `remaining_px` is
+the part of the estimated yaw that is not corrected yet, px (`online_calibration.YawEstimate`).
 
 **The terms of a pose** (`pose_covariance.PoseTerms`) are covariances of position and attitude of the left camera in the
 world. Where the list says "position x" or "attitude x", x is the standard deviation along each axis.
@@ -24,11 +24,11 @@ world. Where the list says "position x" or "attitude x", x is the standard devia
 - `correlated`, errors since the external pose: attitude hypot(0.0007 px, 0.17 RMS of the residual disparities) / (f b)
   for each metre of the path; and `ambiguity` for each pair whose findings require it. The standard deviations of all
   steps are added, and not their squares.
-- `disparity`, errors since the external pose: position hypot(0.01 px, `yaw_sigma`, 0.5 `remaining`) Z_map / (f b) for
-  each metre of the displacement; and the part of the yaw that was not corrected at a step, px, times Z_map / (f b), for
-  each metre of this step.
-- `attitude`: attitude 0.25 hypot(`yaw_sigma`, `bent_px`) / f since the start of the run, where `bent_px` is the yaw to
-  be corrected; and attitude 0.1 / f times the sum of the absolute drift corrections since the external pose, px.
+- `disparity`, errors since the external pose: position hypot(0.01 px, `yaw_sigma_px`, 0.5 `remaining_px`) Z_map / (f b)
+  for each metre of the displacement; and the part of the yaw that was not corrected at a step, px, times Z_map / (f b),
+  for each metre of this step.
+- `attitude`: attitude 0.25 hypot(`yaw_sigma_px`, `bent_px`) / f since the start of the run, where `bent_px` is the yaw
+  to be corrected; and attitude 0.1 / f times the sum of the absolute drift corrections since the external pose, px.
 
 A step backwards cancels a step forwards in `disparity`, but not in `correlated`. An attitude error displaces later
 positions. `external`, `keyframes` and `correlated` are therefore propagated from the position where the error arose. An
@@ -74,9 +74,9 @@ their errors:
   of the flow that triggers a keyframe), and is at least 0.02. `added` (below) is added to this product.
 - `noise` (`pose_noise`), white noise of a pose, which cancels between consecutive steps: 0.5 max(`variance_factor`,
   0.2) max(`shear_chi2`, 1) `given_keyframes`; and attitude 1e-5 rad. `noise_before` is that of the previous pose.
-- `systematic` (`systematic_step`), errors common to all steps, which add up with their sign: position
-  hypot(0.01 px, `yaw_sigma`, `remaining`) Z_tracked / (f b) times the displacement; and the attitude of `correlated`
-  without `ambiguity`.
+- `systematic` (`systematic_step`), errors common to all steps, which add up with their sign: position hypot(0.01 px,
+  `yaw_sigma_px`, `remaining_px`) Z_tracked / (f b) times the displacement; and the attitude of `correlated` without
+  `ambiguity`.
 - `speed_change`, for the mean velocity: `unobserved` after tracking was lost, else 0.
 
 `variance_factor` is the running ratio of the squared residuals to their stated variance, 1 if the noise model is right.

@@ -122,10 +122,14 @@ def sums_after_step(
     A step backwards undoes the turn of a step forwards (`systematic_step`). The length in `correlated` has no sign, so
     that the sum is an upper bound if the path has steps in both directions.
 
-    Args: before: Sums before the step. position: `(3,)` position after the step, m. displacement: `(3,)` displacement
-    of the left camera in the world, m. depth_m: Median depth of the landmarks of the map. ambiguity: Error if another
-    motion is the true motion. Zero if no finding requires this error. calibration: The calibration after the step.
-    model: Camera geometry and error sources.
+    Args:
+        before: Sums before the step.
+        position: `(3,)` position after the step, m.
+        displacement: `(3,)` displacement of the left camera in the world, m.
+        depth_m: Median depth of the landmarks of the map.
+        ambiguity: Error if another motion is the true motion; zero if no finding requires this error.
+        calibration: The calibration after the step.
+        model: Camera geometry and error sources.
     """
     m_per_px = displacement * depth_m / model.focal_baseline
     bending = MotionSize(0.0, model.lens_turn_per_m(calibration) * length(displacement))

@@ -23,8 +23,7 @@ from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.pair_view import PairView, ViewImages
 
 STRIDE = 3
-"""Every third pixel of every third row is compared. These pixels are called samples, and images of samples are `(h,
-w)`."""
+"""Every third pixel of every third row is compared. These pixels are called samples; images of samples are `(h, w)`."""
 WINDOW_SAMPLES = 9  #: Side of the window over which grey levels are compared, samples.
 MIN_SIMILARITY = F(0.8)
 """Minimum similarity of the grey levels of fixed content: 1 for equal windows, and 0.8 if the noise has half the
