@@ -148,7 +148,7 @@ def _decoded(data: bytes) -> str:
 
 
 def check_text(data: bytes) -> None:
-    """Raise ValueError if the first bytes of a file are not those of a text in ASCII or UTF-8."""
+    """Raise ValueError if a file begins like UTF-16 or compressed data, or has a zero byte near its beginning."""
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         raise ValueError("it is a text in UTF-16: save it in UTF-8")
     check_is_not_packed(data)

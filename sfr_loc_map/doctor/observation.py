@@ -88,7 +88,8 @@ class SourceKind(Enum):
 class Observation:
     """The observation of a bag, of a source of files, or of a graph over some time.
 
-    The messages of files, and of a bag whose messages the configuration changes, are those that would be played.
+    For a source of files, and for a bag whose messages the configuration changes, the observed messages are those that
+    would be played.
     """
 
     subject: str  #: Name of the source in messages.

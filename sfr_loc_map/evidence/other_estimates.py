@@ -80,7 +80,7 @@ def scale_row(agreement: Agreement) -> Figure:
 def hat_rows(runs: Sequence[ComparedRun], condition: Condition) -> list[Figure]:
     """Return the sigma of each of three estimates by the three-cornered hat; no rows for another number of runs.
 
-    The sigmas are undefined if fewer than three sub-trajectories do not overlap.
+    The sigmas are undefined if there are fewer than three non-overlapping sub-trajectories.
     """
     if len(runs) != 3:
         return []

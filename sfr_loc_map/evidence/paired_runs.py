@@ -143,7 +143,7 @@ def in_axes_of(ours: StampedPoses, theirs: StampedPoses, start: int, covariance:
 
 
 def random_covariance(start: StepSums, end: StepSums, position: FloatArray) -> FloatArray | None:
-    """Return the covariance of the end given the start, without the errors that all steps share."""
+    """Return the covariance of the end pose given the start pose, without the errors that all steps share."""
     none = np.zeros_like(start.systematic)
     return relative_covariance(start._replace(systematic=none), end._replace(systematic=none), position)
 

@@ -1,4 +1,4 @@
-"""Conversion of sources to bags, folders and layouts of other data sets, and of trajectories and clouds."""
+"""Conversion of sources to bags, folders and layouts of other data sets, and conversion of trajectories and clouds."""
 
 from __future__ import annotations
 

@@ -79,7 +79,7 @@ class RecordedBag(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """An opened data set folder, bag or sequence. A field is None if the source does not contain it."""
+    """An opened data set folder, bag or sequence. `loc` or `nav` is None if the source does not contain it."""
 
     path: Path
     format: str  #: Name of the format for users; that of a bag states whether its messages are used as recorded.

@@ -194,7 +194,7 @@ def _now(live: dict[str, Any]) -> Iterator[str]:
 
 
 def _notes(live: dict[str, Any], score: dict[str, Any]) -> Iterator[str]:
-    """Yield problems of nodes, dropped messages by cause, and unreadable inputs."""
+    """Yield problems of nodes, dropped and lost messages, warnings of the score, and the last unreadable input."""
     for node in live["nodes"]:
         name = one_line(node["name"])
         if node["level"] in (Level.WARN.word, Level.ERROR.word):

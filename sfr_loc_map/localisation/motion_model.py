@@ -49,7 +49,7 @@ class Prediction(NamedTuple):
 
 
 def _are_equal(first: Pose, second: Pose) -> bool:
-    """Return whether two poses are bit-identical."""
+    """Return whether two poses are exactly equal."""
     return all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
 
 

@@ -46,8 +46,8 @@ the corners are at most as many as the landmarks."""
 MAX_FLOW_ROUND_TRIP_PX = 1.0
 """Maximum distance between a point and its position after forward and backward flow, px (Kalal et al. 2010)."""
 MAX_REPROJECTION_PX = 3.0
-"""Inlier gate of the PnP pose, px. The refinement that follows converges from an error of some pixels. If larger, wrong
-matches bias the pose. If smaller, landmarks of uncertain depth are outliers."""
+"""Inlier gate of the PnP pose, px. The refinement that follows converges from an error of several pixels. If larger,
+wrong matches bias the pose. If smaller, landmarks of uncertain depth are outliers."""
 
 
 class Ransac(NamedTuple):

@@ -1,4 +1,4 @@
-"""A method under test in its own process, which is restarted after it has ended."""
+"""A method under test in its own process. The next call starts an ended process again, up to `restarts` times."""
 
 from __future__ import annotations
 

@@ -405,7 +405,7 @@ def _frames_beyond(score: Score) -> Iterator[str]:
 
 
 def _limits_missed_at_other_frames(score: Score) -> Iterator[str]:
-    """Yield each limit that the errors at frames without a judged error would miss.
+    """Yield a sentence for each limit that is missed by errors at frames outside the judged sub-trajectories' ends.
 
     `judging.incomplete.missed_at_other_frames` states when these errors also prevent a pass.
     """

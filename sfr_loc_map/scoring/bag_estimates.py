@@ -31,7 +31,7 @@ class BagEstimate(NamedTuple):
 
     @property
     def all_calls(self) -> list[CallStats]:
-        """The calls as a list, which is empty without calls."""
+        """The calls as a list; empty if the bag has no calls."""
         return [] if self.calls is None else [self.calls]
 
 

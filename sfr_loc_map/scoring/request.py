@@ -102,7 +102,7 @@ class ScoreRequest:
         )
 
     def scored(self, loaded: Run) -> ScoredRun:
-        """Return a run as loaded, converted to poses of RB in DS and scored.
+        """Convert a loaded run to poses of RB in DS, score it, and return the score with the converted run.
 
         Raises MetricsError and InputError as `converted_run` and `score_run` do.
         """

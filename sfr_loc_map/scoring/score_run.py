@@ -46,9 +46,10 @@ def score_run(
 
 
 def _convention_finding(run: Run, config: ScoreConfig) -> ConventionFinding | None:
-    """Return why the poses of a run are not judged as they are; None without a reason.
+    """Return the problem with the convention of a run's poses; None if there is no problem.
 
-    The reason is a declared factor that is not a unit of length, or the result of a diagnosis of all conventions.
+    A problem may prevent a verdict. It is a declared factor that is not a unit of length, or the result of a diagnosis
+    of all conventions.
     """
     if run.drive is None:
         return None

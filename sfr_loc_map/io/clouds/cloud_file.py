@@ -45,8 +45,8 @@ class LoadedCloud:
     xyz: FloatArray
     """`(N, 3)` float64, metres."""
     cloud: PointCloud | None
-    """The same points with their pixels; None if the file has no pixels and pairs. Missing sigma or intensity is
-    NaN."""
+    """The same points with their pixels; None if the file lacks one of the `PIXEL_FIELDS`. Missing sigma or intensity
+    is NaN."""
     grid: tuple[int, int] | None = None
     """Width and height of an organised cloud whose pixels follow from the order of its points; None for others."""
     not_finite: int = 0

@@ -228,7 +228,7 @@ class _BlockReader:
         return stamps_ns, grid.numbers(columns[1:])
 
     def _one_by_one(self, rows: bytes, lines: IntArray) -> _BlockRows:
-        """Return the rows with these line numbers, which are read one after the other."""
+        """Return the rows with these line numbers, read one at a time."""
         results = [(line, self._one(row, line)) for line, row in zip(lines.tolist(), rows.splitlines(), strict=True)]
         invalid = [result for _, result in results if isinstance(result, str)]
         if invalid and not self.tolerant:

@@ -287,9 +287,10 @@ def _add_landmark(
 
 @jit_fast_ir_inline
 def _eliminate(covariance: FloatArray, own: _LandmarkBlock, count: int, work: _Workspace, system: _System) -> None:
-    """Subtract the Schur complement of a landmark from the system, for the keyframes that observe it.
+    """Eliminate a landmark: subtract its terms of the Schur complement from the system.
 
-    The complement is `B^T C B` and `B^T C r`, with covariance C, coupling B and right-hand side r of the landmark.
+    The terms of the keyframes that observe the landmark, and of the right-image offset, are `B^T C B` and `B^T C r`,
+    with covariance C, coupling B and right-hand side r of the landmark.
     """
     information = system.information
     rhs = system.rhs

@@ -54,7 +54,7 @@ class ComparedPoses(NamedTuple):
 def compared_poses(
     estimate: Trajectory, truth: Trajectory, config: AssociationConfig, rig: StereoRig | None
 ) -> ComparedPoses:
-    """Return the compared poses of an estimate and a truth with attitudes. A long estimate is decimated."""
+    """Return the compared poses of an estimate and a truth that have attitudes. A long estimate is decimated."""
     estimate = _in_order(estimate, MAX_POSES)
     truth = _in_order(truth, len(truth))
     frames, _ = associate(estimate, truth, config)

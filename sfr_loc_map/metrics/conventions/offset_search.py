@@ -22,8 +22,8 @@ from sfr_loc_map.stamp_pairing import nearest_stamps
 KEPT = 0.9  #: Minimum fraction of the poses of the estimate in the time span of the truth after the offset.
 SEARCHED_POSES = 800  #: Maximum number of poses in the search, which bounds the time of a diagnosis to about 0.1 s.
 SEARCHED_PERIODS, SEARCHED_NS = 20, 2 * NS_PER_S
-"""The offset of the stamps is searched up to this number of periods and up to this time. Chosen by hand, above the
-delays of methods."""
+"""The search covers offsets of the stamps up to this number of periods of the estimate or this time, whichever is
+larger, on both sides of the starting offset. Chosen by hand, above the delays of methods."""
 SEARCH_STEPS, SEARCH_ROUNDS = 200, 3
 """Steps of the grid of offsets, and number of grids. Each further grid spans two steps around the best offset of the
 previous grid. The step of the last grid is 8 us for a search of 2 s."""

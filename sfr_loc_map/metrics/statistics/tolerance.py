@@ -82,10 +82,10 @@ def is_disproved(failures: int, count: int, prob: float, confidence: float) -> b
 
 
 def count_for_rate(failures: int, count: int, prob: float, confidence: float) -> int | None:
-    """Return how many values demonstrate the fraction `prob` if they fail at the observed rate `failures / count`.
+    """Return how many values are required to demonstrate the fraction `prob` at the observed failure rate.
 
-    The result is the smallest such number that is not below `count`; None if a search up to `MOST` finds none. Without
-    an observed failure, the result is `zero_failure_count`.
+    The rate is `failures / count`. The result is the smallest such number that is not below `count`; None if a search
+    up to `MOST` finds none. Without an observed failure, the result is `zero_failure_count`.
     """
     from scipy.special import bdtr
 
@@ -112,9 +112,10 @@ def count_for_rate(failures: int, count: int, prob: float, confidence: float) ->
 
 
 def _least(holds: Callable[[int], bool], start: int) -> int | None:
-    """Return a number from `start` on at which a rule holds, by bisection; None if the search exceeds `MOST`.
+    """Return a number at which a rule holds, by bisection; None if the search exceeds `MOST`.
 
-    The result is the smallest such number if the rule holds for all numbers above it.
+    The result is at least `start` and at least 2. It is the smallest such number if the rule holds for all numbers
+    above it.
     """
     high = max(start, 2)
     while not holds(high):

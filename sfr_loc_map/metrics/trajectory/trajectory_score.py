@@ -158,7 +158,7 @@ def rows_over_conditions(of_conditions: Sequence[Figure]) -> Iterator[Figure]:
 
 
 def interpolated_stamps(placed: PlacedFrames, frames: IntArray | slice = slice(None)) -> IntArray:
-    """Return the stamps of frames at which the truth has an error of interpolation: none without interpolation."""
+    """Return the stamps of all given frames if the truth was interpolated at any frame, otherwise none."""
     stamps_ns = placed.frames.stamps_ns[frames]
     return stamps_ns if placed.matched.interpolated else stamps_ns[:0]
 

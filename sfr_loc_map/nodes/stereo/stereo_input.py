@@ -127,7 +127,7 @@ class StereoInput:
         on_new_run: Callable[[str], None],
         agreeing: int,
     ) -> None:
-        """Set the callbacks; `subscribe` starts the reception.
+        """Set the callbacks. No message is received before `subscribe`.
 
         `on_pair` is called with each pair, and `on_new_run` with the reason why the pairs that follow start a new run.
         After a jump of the stamps, `agreeing` consecutive pairs start a new run.
@@ -175,7 +175,7 @@ class StereoInput:
                     self._remove_compressed[side] = remove
 
     def counts(self) -> dict[str, int]:
-        """Return the numbers of messages dropped since the configuration, by cause."""
+        """Return the numbers of dropped images and pairs by cause, since the node was configured."""
         return {
             "dropped_in_transport": self.losses.count,
             "dropped_unpaired": self._pairing.unpaired + self._pairing.overflowed,

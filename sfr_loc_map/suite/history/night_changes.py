@@ -36,7 +36,7 @@ class FoundChange(Shift):
     nights_before: tuple[int, int]  #: First night of the values before the change, and the night after their last.
     nights_after: tuple[int, int]  #: The same for the values after the change.
     is_slow: bool = False  #: Whether only the comparison with the first nights of the level reveals the change.
-    is_return: bool = False  #: Whether the figure returned to its level before the previous change.
+    is_return: bool = False  #: Whether the figure returned to the level that it had before the previous change.
 
 
 def changes_of(x: FloatArray, scale: Scale, false_alarm_rate: float) -> list[FoundChange]:

@@ -241,7 +241,7 @@ def _parts_of(kind: FigureKind) -> tuple[str, ...]:
 
 
 def _check_faults(parameters: Sequence[Parameter], base: Mapping[str, object], path: Path) -> None:
-    """Raise ConfigError if a fault has the name of a setting, or if two parameters are the amount of one fault."""
+    """Raise ConfigError if a fault has the name of a setting, or if two parameters vary the amount of one fault."""
     names: dict[str, str] = {}
     for parameter in parameters:
         if not parameter.fault:

@@ -124,7 +124,11 @@ class Course(NamedTuple):
 
 
 def fixed_plan(test: SequentialTest) -> FixedPlan:
-    """Return the smallest plan that keeps both risks; ConfigError if it exceeds `MOST_DRIVES`."""
+    """Return the plan with the fewest drives that has the error rates of a test; ConfigError above `MOST_DRIVES`.
+
+    It passes with a probability of at most `1 - confidence` at the failure fraction `bad`, and of at least `power` at
+    `good`.
+    """
     from scipy.special import bdtr
 
     allowed, drives = 0, 1
