@@ -20,8 +20,8 @@ A method under test (in the documentation also: a candidate) is called through t
                   the method
 
 `registry.py` finds a method by its name. `method_call.py` has the request and the record of a call, and the failures.
-`point_bounds.py` checks the bounds of points on both sides of the process boundary. `ours.py` gives our localiser and
-mapper the interface of a candidate.
+`config_truth.py` refuses a configuration that contains the ground truth. `point_bounds.py` checks the bounds of points
+on both sides of the process boundary. `ours.py` gives our localiser and mapper the interface of a candidate.
 
 Another interface requires a module in `adapters/` with `open_method(setup)`, which returns an object as described in
 `child/loop.py`, and a row in `registry.py` (`_BUILT_IN`, or `_PEERS` for a method of another interpreter). A user's own

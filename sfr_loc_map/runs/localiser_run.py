@@ -27,6 +27,7 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.methods.config_truth import check_configuration
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.registry import record_of_ours
 from sfr_loc_map.metrics.calls.call_meter import CallMeter
@@ -138,6 +139,7 @@ def localise(
 
 def localise_with(under_test: UnderTest, sequence: LocSequence, T_ds_rb: Transform) -> Iterator[Step]:
     """Yield the step of each pair of a drive by a method under test, which starts at the pose `T_ds_rb`."""
+    check_configuration(under_test.method.config, sequence.ground_truth)
     step_s = _frame_step_s(sequence.stamps_ns)
     setup = (sequence.rig, T_ds_rb, under_test.limits)
     with IsolatedLocaliser(under_test.method, *setup, rate_hz=1.0 / step_s, hidden=under_test.hidden) as localiser:

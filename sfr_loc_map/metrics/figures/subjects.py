@@ -47,9 +47,8 @@ class SubjectOfLimits(NamedTuple):
 
     subject: Subject
     scope: Scope | None  #: What must be complete for a pass of these limits; None if nothing has to be complete.
-    task: (
-        Task | None
-    )  #: Task that these figures are about; None if the limit states the task (`judging.limited.task_of`).
+    task: Task | None
+    """Task that these figures are about; None if the limit states the task (`judging.limited.task_of`)."""
 
 
 SUBJECTS = (
