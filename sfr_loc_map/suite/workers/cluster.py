@@ -292,17 +292,10 @@ def _outcome_of(future: Future[JobOutcome], job: Job, client: Client) -> JobOutc
         return future.result()
     except KilledWorker as killed:
         return _cause_of_death(client, killed.last_worker.address, job)
-    except OSError as error:
-        if future.status == "finished":  # the connection failed while the result was fetched
+    except Exception as error:
+        if future.status == "finished":  # the job raised no error: its result was not received
             raise
-        return _fault(error)
-    except Exception as error:  # any other error of a job
-        return _fault(error)
-
-
-def _fault(error: Exception) -> JobOutcome:
-    """Return the outcome of a job that raised an error."""
-    return JobOutcome(cause=FailureCause.FAULT, message=one_line(f"{type(error).__name__}: {error}"))
+        return JobOutcome(cause=FailureCause.FAULT, message=one_line(f"{type(error).__name__}: {error}"))
 
 
 def _cause_of_death(client: Client, address: str, job: Job) -> JobOutcome:

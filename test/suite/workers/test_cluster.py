@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("distributed", reason="needs the extra [suite]")
 from helpers.made_suites import JOB, recording
-from sfr_loc_map.suite.jobs.job_outcome import FailureCause
+from sfr_loc_map.suite.jobs.job_outcome import FailureCause, JobOutcome
 from sfr_loc_map.suite.planning.specification import SuiteSettings
 from sfr_loc_map.suite.workers import cluster
 from sfr_loc_map.suite.workers.cluster import SuiteWorkers, connected, run_jobs
@@ -52,3 +52,24 @@ def test_a_job_that_fails_has_its_cause_and_fails_no_other_job(tmp_path: Path, m
     assert all(tried[name] == 1 for name in DEADLY), tried
     # a job that only waited on a worker that another job ended is run once more
     assert all(tried[name] >= 1 + (name in ("fault", "flaky")) for name in OTHERS), tried
+
+
+class Ended:
+    """A future of Dask that has ended with this status, and whose result cannot be received or is an error."""
+
+    def __init__(self, status: str, error: Exception) -> None:
+        self.status = status
+        self._error = error
+
+    def result(self) -> JobOutcome:
+        raise self._error
+
+
+@pytest.mark.parametrize("error", [ConnectionError("closed"), TimeoutError("late"), ValueError("odd")])
+def test_only_an_error_that_the_job_raised_is_its_failure(error: Exception) -> None:
+    """If the result of a finished job cannot be received, the job has not failed and is repeated by the next run."""
+    assert cluster._outcome_of(Ended("error", error), JOB, None).cause is FailureCause.FAULT
+    with pytest.raises(type(error)):
+        cluster._outcome_of(Ended("finished", error), JOB, None)
+    with pytest.raises(ConnectionError, match="lost"):
+        cluster._outcome_of(Ended("lost", error), JOB, None)
