@@ -160,7 +160,8 @@ class AnyOrder(Generic[T]):
         if not self._stamps_ns or not is_of_another_time(self._stamps_ns[-1], stamp_ns):
             self._end_other_time()
             return self._accept(stamp_ns, item), False
-        first_ns, last_ns = self._stamps_ns[0], self._stamps_ns[-1]
+        first_ns = self._stamps_ns[0]
+        last_ns = self._stamps_ns[-1]
         if self._other_time and not continues_held(self._other_time[-1].stamp_ns, last_ns, stamp_ns):
             self._end_other_time()
         is_ahead = stamp_ns > last_ns

@@ -51,7 +51,8 @@ class CheckFile(msgspec.Struct):
         checked = [subject for subject in (DRIVE, MAPS) if subject in self.results or subject in compared]
         derived = results_of(checked, self.figures, self.advice)
         for subject in (DRIVE, MAPS, CALIBRATION):
-            stated, found = self.results.get(subject, "missing"), derived.get(subject, "missing")
+            stated = self.results.get(subject, "missing")
+            found = derived.get(subject, "missing")
             if stated != found:
                 raise InputError(
                     f"the check contradicts itself: its result of the {subject} is '{stated}', but '{found}' follows "
@@ -104,7 +105,8 @@ def _check_advice(figures: Sequence[Figure], advice: Mapping[str, Advice]) -> No
     for row in figures:
         if row.figure != "right_camera":
             continue
-        word, spread = advice.get(row.part or ""), spreads.get(row.part)
+        word = advice.get(row.part or "")
+        spread = spreads.get(row.part)
         if word is None or row.value is None or spread is None:
             raise InputError(
                 f"the check has no advice, offset or spread for the {row.part} of the right camera: repeat the check"

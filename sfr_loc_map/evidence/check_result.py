@@ -126,7 +126,8 @@ def _results_of_overlaps(figures: Sequence[Figure]) -> Iterator[CheckResult]:
     for row in figures:
         if row.figure != "overlap":
             continue
-        ratio, grey_ratio = ratios.get(row.part), grey_ratios.get(row.part)
+        ratio = ratios.get(row.part)
+        grey_ratio = grey_ratios.get(row.part)
         if ratio is None:
             raise InputError(f"the check has no figure 'overlap_ratio' for '{row.part}': give a file of sfr check")
         yield result_of_overlap(row.n or 0, ratio, math.nan if grey_ratio is None else grey_ratio)

@@ -236,7 +236,8 @@ def _paired_rows(mine: SubTrajectoryRows, theirs: SubTrajectoryRows, name: str) 
         columns, other_columns = mine.error_columns(kind.name), theirs.error_columns(kind.name)
         if TOTAL not in kind.tested or not columns or not other_columns:
             continue
-        errors, other_errors = _errors_at(columns, rows.first), _errors_at(other_columns, rows.other)
+        errors = _errors_at(columns, rows.first)
+        other_errors = _errors_at(other_columns, rows.other)
         test = TestedDifference.of(errors, other_errors, overlap, is_unsigned=kind.is_unsigned)
         yield PairedDifference(
             name=name,

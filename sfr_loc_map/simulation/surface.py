@@ -218,7 +218,9 @@ def rock_surface(
     seed = parameters.terrain.seed
     h = mix(np.uint32(number) ^ seed ^ _STONE)
     tone = 0.5 * (unit(h) - 0.5)
-    gx, gy, gz = 0.0, 0.0, 0.0
+    gx = 0.0
+    gy = 0.0
+    gz = 0.0
     length = LONGEST_STONE_M
     for k in range(STONE_OCTAVES):
         fade = fade_of(length, footprint)

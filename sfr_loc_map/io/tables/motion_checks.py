@@ -179,7 +179,8 @@ def _poses(head: TableHead, columns: PoseColumns) -> tuple[FloatArray, FloatArra
     rows = rows[np.isfinite(rows).all(axis=1)]
     if stamps:
         rows = rows[np.lexsort([rows[:, column] for column in reversed(range(len(stamps)))])]
-    positions, quats = rows[:, len(stamps) : -4], rows[:, -4:]
+    positions = rows[:, len(stamps) : -4]
+    quats = rows[:, -4:]
     is_valid = plausible_positions(positions) & plausible_attitudes(quats)
     return positions[is_valid], quats[is_valid]
 

@@ -303,10 +303,12 @@ class ManagedNode(LifecycleNode, Generic[C]):
             if undo is not None:
                 undo()
             self.state = before
-            self._transition_error, outcome = error, TransitionCallbackReturn.FAILURE
+            self._transition_error = error
+            outcome = TransitionCallbackReturn.FAILURE
         except Exception as error:  # rclpy's state machine would discard the exception
             self._log_error(traceback.format_exc())
-            self._transition_error, outcome = error, TransitionCallbackReturn.ERROR
+            self._transition_error = error
+            outcome = TransitionCallbackReturn.ERROR
         if not self._is_starting:
             text = f"{name} failed: {self._transition_error}"
             self._log_error(text)

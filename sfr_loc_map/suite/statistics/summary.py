@@ -73,7 +73,9 @@ class Summary:
     @property
     def counts(self) -> JobCounts:
         """Numbers of all, done, failed and waiting jobs."""
-        done, failed, waiting = len(self.results), len(self.failures), len(self.waiting_jobs)
+        done = len(self.results)
+        failed = len(self.failures)
+        waiting = len(self.waiting_jobs)
         return JobCounts(jobs=done + failed + waiting, done=done, failed=failed, waiting=waiting)
 
     @property

@@ -21,7 +21,8 @@ Principal point and distortion in OpenCV's order follow the focal lengths."""
 def read_colmap(opened: OpenedFile) -> CameraPair:
     """Read the cameras of a list of one camera, which both images have, or of two cameras, and their poses in a rig."""
     file, rig_file = opened.files
-    of_rig, rows = _cameras_of_rig(rig_file), _rows_of(file)
+    of_rig = _cameras_of_rig(rig_file)
+    rows = _rows_of(file)
     rows.sort(key=lambda row: int(row[0]))  # order by CAMERA_ID, because COLMAP writes cameras in any order
     if len(of_rig) != 2 or len(rows) not in (1, 2):
         raise ValueError(f"the first rig has {len(of_rig)} cameras and '{file.name}' has {len(rows)}: two are required")

@@ -53,7 +53,8 @@ def _pose_of_right(one: _KalibrCamera, other: _KalibrCamera, where: str) -> Tran
 
     If both are given and differ, a warning that begins with `where` reports this.
     """
-    in_imu, other_in_imu = one.pose_in_imu(), other.pose_in_imu()
+    in_imu = one.pose_in_imu()
+    other_in_imu = other.pose_in_imu()
     by_imu = None if in_imu is None or other_in_imu is None else in_imu.inverse() @ other_in_imu
     if other.T_cn_cnm1 is None:
         if by_imu is None:
@@ -71,7 +72,8 @@ def _pose_of_right(one: _KalibrCamera, other: _KalibrCamera, where: str) -> Tran
 
 def read_kalibr(opened: OpenedFile) -> CameraPair:
     """Read cam0 and cam1 of a chain; a warning reports further cameras."""
-    content, where = opened.content, f"calibration '{opened.file}'"
+    content = opened.content
+    where = f"calibration '{opened.file}'"
     if "cam1" not in content:
         names = ", ".join(name for name in opened.shown_names if name.startswith("cam"))
         raise ValueError(f"it has only {names}: cam0 and cam1 are required")

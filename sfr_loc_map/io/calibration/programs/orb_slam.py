@@ -43,7 +43,8 @@ def _side(content: Mapping[str, Any], side: str) -> RectifiableCamera:
 
 def _raw_pair(opened: OpenedFile, first: str, text: str) -> CameraPair:
     """Return two raw cameras with the pose Stereo.T_c1_c2 of the right camera, which older files call Tlr."""
-    content, size = opened.content, _size(opened, first)
+    content = opened.content
+    size = _size(opened, first)
     numbers = numbers_of(content, "Stereo.T_c1_c2", "Tlr")
     if len(numbers) not in (12, 16):
         raise ValueError(f"Stereo.T_c1_c2 has {counted(len(numbers), 'number')}: 12 or 16 are required")
@@ -60,7 +61,8 @@ def _raw_pair(opened: OpenedFile, first: str, text: str) -> CameraPair:
 
 def _rectified_pair(opened: OpenedFile, name: str, text: str) -> CameraPair:
     """Return a pair of rectified images: one camera without distortion, and a baseline from Camera.bf or Stereo.b."""
-    content, size = opened.content, _size(opened, name)
+    content = opened.content
+    size = _size(opened, name)
     if _is_kannala_brandt(content) or any(_distortion(content, name)):
         raise ValueError(
             f"{name} has a distortion but there is no Camera2: the settings are of one raw camera, not "

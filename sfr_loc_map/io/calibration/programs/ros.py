@@ -13,7 +13,8 @@ from sfr_loc_map.io.calibration.stereo_calibration import CameraPair
 
 def read_ros(opened: OpenedFile) -> CameraPair:
     """Read two files of camera_calibration, or two messages of camera_info as `ros2 topic echo` prints them."""
-    cameras, files = [], two_files(opened, "left", "right")
+    cameras = []
+    files = two_files(opened, "left", "right")
     for path in files:
         with refusing(f"calibration '{path}'"):
             cameras.append(_camera(path))
@@ -25,5 +26,6 @@ def _camera(path: Path) -> RectifiableCamera:
     values = named_values(path)
     names = (("camera_matrix", "k"), ("rectification_matrix", "r"), ("projection_matrix", "p"))
     k, r, p = (numbers_of(values, *each) for each in names)
-    model, d = str(values.get("distortionmodel", "")), numbers_of(values, "distortion_coefficients", "d")
+    model = str(values.get("distortionmodel", ""))
+    d = numbers_of(values, "distortion_coefficients", "d")
     return RectifiableCamera(size_of(values), model, d, k, r, p).checked(f"'{path}'")
