@@ -170,8 +170,8 @@ def ground_surface(
 ) -> tuple[float, float, float, float]:
     """Return the reflectance, the two slopes of the fine relief, and the fraction of sunlight that pebbles let pass.
 
-    The position is that of hit `m`. `pixel_rad` is the angle of a pixel. The detail of
-    pebbles follows from the size of a pixel across the line of sight, not from its footprint on the ground.
+    The position is that of hit `m`. `pixel_rad` is the angle of a pixel. The detail of pebbles follows from
+    the size of a pixel across the line of sight, not from its footprint on the ground.
 
     Sand is 22 % and rock 27 % brighter than gravel. The reflectance is limited to 0.2 to 3.3 times the mean. The
     weights were chosen by eye.

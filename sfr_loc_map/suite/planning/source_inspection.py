@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from sfr_loc_map.atomic import write_text
+from sfr_loc_map.atomic import make_folder, write_text
 from sfr_loc_map.configuration.parameters import build
 from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import InputError, SfrError
@@ -127,7 +127,7 @@ def facts_of(path: Path, cache: Path) -> RecordingFacts:
     with suppress(InputError):
         return _cached_facts(file, state)
     facts = read_facts(path)
-    file.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(file.parent, "choose another folder")
     write_text(json_line({"source": str(path.absolute()), "state": state, "facts": to_plain(facts)}), file)
     return facts
 
