@@ -34,7 +34,7 @@ Before and after the stages, `Localiser.process`
 
 **Where a pair is refused, and which reason wins.** A pair has at most four verdicts. Each verdict takes all findings so
 far, except that a new window takes only the findings about the images and its own. The first verdict that refuses the
-pair decides, and the later stages are skipped:
+pair ends the stages. If a new window is then refused, too, its reason replaces the earlier reason:
 
     pair
      |-- 1 the images repeat the previous pair, or show one image twice -----> keep or lose?
@@ -45,14 +45,14 @@ pair decides, and the later stages are skipped:
      '-- accepted; degraded if there is a finding
 
     may a window begin? (`_begin_or_refuse`)
-     |-- yes: first pair of a window (`_begin_window`), with findings about the images, a gap, a divergence, and the
-     |        number and order of the landmarks of the window
+     |-- yes: first pair of a window (`_begin_window`), with findings about the images, a gap, a divergence, the number
+     |        of landmarks, and the order of left and right image
      |         |-- refused: lost, with the reason of the window instead of the earlier reason
      |         '-- first pair of the window; degraded if there is a finding
      '-- no: keep or lose? (`_keep_or_lose`)
                |-- action `KEEP`, and the localiser is not lost: kept, until the motion since the last pose is as
                |   uncertain as an unknown pose
-               '-- otherwise: lost; a localiser that is lost already publishes its earlier reason for `KEEP`
+               '-- otherwise: lost; if it was lost before and the action is `KEEP`, the earlier reason stays
 
 *Kept*: the last pose is published again with a larger covariance. *Lost*: the pose is unknown. Within a verdict, the
 first finding in the order of `findings.RULES` gives action and reason. Findings that refuse the pair come first: a
@@ -85,9 +85,10 @@ findings and events add to them. With the time t since the last known pose and w
 The docstring of `uncertainty` states all terms and events with their formulas and values.
 
 **Where new code goes.** A new guard is a `Finding`, a row in `findings.RULES`, a function in `guards`, and a call in
-`_locate` (of the images), `_refusals_of_pose` (refuses a pose), `_judge` (all others) or `_begin_window`. `findings`
-has the details. A new error source is a parameter in `uncertainty.error_sources.ErrorSources`, and a term in
-`pose_covariance` or `step_covariance`. `uncertainty` lists the places by the kind of the error.
+`_locate` (a guard of the images), `_refusals_of_pose` (a guard that refuses a pose), `_begin_window` (a guard of a new
+window) or `_judge` (any other guard). `findings` has the details. A new error source is a parameter in
+`uncertainty.error_sources.ErrorSources`, and a term in `pose_covariance` or `step_covariance`. `uncertainty` lists the
+places by the kind of the error.
 """
 
 from __future__ import annotations
@@ -223,8 +224,8 @@ class Localiser:
         """Set an external pose. The pose is valid at its stamp, or at the next pair if it has no stamp.
 
         The pose replaces an earlier external pose that is not applied yet. Before the first pair, the pose replaces the
-        start pose. A pose whose stamp is more than `path.MAX_AHEAD_NS` after the next pair is of another
-        clock, and applies at the next pair.
+        start pose. A pose whose stamp is more than `path.MAX_AHEAD_NS` after the next pair (a start pose:
+        `path.MAX_START_AHEAD_NS`) is of another clock, and applies at the next pair.
 
         All later poses move with the external pose, and their covariances begin with its covariance. The map is
         discarded if no pair was accepted up to 1.5 periods before the stamp at which the pose applies
@@ -500,8 +501,8 @@ class Localiser:
         """Begin a window at the last known pose with a pair that can be a reference.
 
         The localiser is lost if the window has too few landmarks, or if the images are swapped. The state is degraded
-        if the images have findings, or if the motion since the last pose is unobserved. Findings about the pose of the
-        pair concern the map that the window replaces, and do not hold for the window.
+        if the images have findings, if the motion since the last pose is unobserved, or if an adjustment has diverged.
+        Findings about the pose of the pair concern the map that the window replaces, and do not hold for the window.
         """
         pose = Pose.of(state.path.last.T_world_left)
         mask = state.ground_memory.excluded.mask

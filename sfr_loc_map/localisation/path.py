@@ -33,12 +33,12 @@ accepted pair (a pair that began a window counts as accepted here):
 |---|---|---|
 | 1 past: up to the last accepted pair | the pair at the stamp, or between two pairs (`History.at`) | anchored |
 | 2 later: up to `MAX_LATER_PERIODS` later | the last accepted pair | anchored |
-| 3 far: still later, or before the first accepted pair | the last known pose | discarded, path reset |
+| 3 far: still later, or no pair was accepted yet | the last known pose | discarded, path reset |
 
-Anchoring changes the datum alone: map and path move in DS as one rigid body, so that the path passes through the
-external pose. In case 2, the present pose is the external pose itself. The poses of the next accepted pairs continue
-from the last accepted pair, so that their covariance contains the unobserved motion between that pair and the stamp
-(`Origin.added_by_next`). In case 3, the position of the external pose in the map is unknown. The map is therefore
+Anchoring moves map and path in DS as one rigid body, so that the path passes through the external pose, and errors
+count from this pose on. In case 2, the present pose is the external pose itself. The poses of the next accepted pairs
+continue from the last accepted pair, so that their covariance contains the unobserved motion between that pair and the
+stamp (`Origin.added_by_next`). In case 3, the position of the external pose in the map is unknown. The map is therefore
 discarded, and the motion from the stamp to the pair is unobserved.
 
 **Stamps.** `last.known_ns` is the stamp since which the motion is unobserved, and `last.accepted_ns` is the stamp of

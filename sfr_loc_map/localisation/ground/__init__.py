@@ -35,7 +35,8 @@ succession. `GroundMemory` is the only state. It is an immutable value, which th
 verdict on the pair (`GroundMemory.after_verdict`).
 
 The memory has one state machine. Its state is the phase, the number of consistent pairs until the phase ends, and two
-counters (`memory` lists all transitions):
+counters. The diagram shows in parentheses how many consistent pairs end an uncertainty (`memory` lists all
+transitions):
 
        +------ pair lost, new window ------+
        v                                   |
@@ -61,8 +62,8 @@ finding is `RECOVERING`.
 
 While the ground is not identified, the motion that is not selected may be the ground's. Each pair with a second motion,
 or with an unexplained part of the image, is therefore degraded. Unexplained landmarks in the first tracked pair of a
-window are an exception, because their usual fraction is not known yet. Beside a body, only the covariance of that pose
-is larger, because the cells of the body are excluded from the next pairs.
+window are an exception, because their usual fraction is not known yet. A motion of the rover's own body is another
+exception: only the covariance of this pose is larger, because the cells of the body are excluded from the next pairs.
 
 The method has four known limits:
 
@@ -84,7 +85,7 @@ The method has four known limits:
 | stationary cell | textured cell whose content did not move since the earlier image (`cell_change`) |
 | fixed cell | stationary cell for which a pose predicts image motion, and therefore fixed to the camera |
 | dynamic cell | cell of landmarks that move differently from the ground |
-| own body | what stationary cells show if the landmarks outside these cells agree on a motion |
+| own body | content of stationary cells, if the landmarks outside these cells agree on a motion |
 | main motion | motion of the given tracks, which may be any motion, trusted or not |
 | unexplained landmark | outlier of a motion, in view and outside fixed cells |
 | other motion | rigid motion of the landmarks that the main motion does not explain |
@@ -93,5 +94,5 @@ The method has four known limits:
 
 Each module contains the thresholds that it uses. A threshold without another source was chosen by hand on rendered
 drives with injected faults. With these values, clean drives have no findings, and no error of a faulty drive exceeds
-five times the stated 3 sigma without a finding.
+15 stated standard deviations without a finding.
 """

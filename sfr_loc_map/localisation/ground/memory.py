@@ -8,7 +8,7 @@ cell means no change.
 |---|---|---|---|
 | `after_pair`, the pair shows | | | |
 | ... `NOTHING` | | 0 | - 1 |
-| ... `AT_REST` | `LEARNING`, `IDENTIFIED` | 0 | - 1 |
+| ... `AT_REST` | `LEARNING`, `IDENTIFIED` | 0 | |
 | | `UNCERTAIN` | 0 | at least 3 |
 | ... `CONSISTENT` | `LEARNING` n to n - 1, 1 to `IDENTIFIED` | 0 | - 1 |
 | | `UNCERTAIN` n to n - 1 | 0 | at least 3 |

@@ -16,8 +16,8 @@ world. Where the list says "position x" or "attitude x", x is the standard devia
 - `external`, the error of the external pose: the covariance that was stated with the pose. It is 0 for an exact start
   pose.
 - `keyframes`, errors since the external pose: 2.0 times the covariance of the newest keyframe in its window, from the
-  bundle adjustment. When a later window begins, `this_pair`, `kept_motion` and the blur of its first image are added.
-  If an external pose applied within a window, what had accumulated up to that pose is subtracted.
+  bundle adjustment. When a window begins, also the first one, `this_pair`, `kept_motion` and the blur of its first
+  image are added. If an external pose applied within a window, what had accumulated up to that pose is subtracted.
 - `this_pair`, errors of this pair alone: 2.0 `given_keyframes`; blur, which is attitude 0.03 px / f and position
   Z_map 0.03 px / f; and `unobserved`, if a finding requires it.
 - `kept_motion`, errors since the last known pose: `unobserved`, while the last pose is kept.
@@ -92,12 +92,12 @@ deviations of the terms are:
 
 | term | computation | position | attitude |
 |---|---|---|---|
-| `keyframes` | from the adjustment, for example 2 mm: sqrt(2.0) 2 mm | 2.8 mm | |
+| `keyframes` | from the adjustment, for example 2 mm: sqrt(2.0) 2 mm; blur of the first image | 2.9 mm | 60 urad |
 | `this_pair` | blur: 0.03 / 500 rad, times 5 m (`given_keyframes` is smaller) | 0.3 mm | 60 urad |
 | `correlated` | lens: 0.0007 / (500 0.2) rad/m, times 10 m; at a mean distance of 5 m | 0.35 mm | 70 urad |
 | `disparity` | hypot(0.01, 0.02) px 5 m / (500 0.2) px m, times 10 m | 11 mm | |
 | `attitude` | 0.25 0.02 / 500 rad | | 10 urad |
-| sum of variances | | 12 mm | 93 urad |
+| sum of variances | | 12 mm | 110 urad |
 
 The findings and events of the next pairs add, for 0.1 s, which is one period:
 

@@ -198,8 +198,8 @@ class PathErrors:
     """
 
     origin: Origin  #: The external pose to which the covariance is relative.
-    #: Covariance at the start of the present window: what earlier windows, and the motions between windows, have added
-    #: since the map began.
+    #: Covariance at the start of the present window: what earlier windows, their first images, and the motions
+    #: between windows have added since the start of the run or the last `reset`.
     before_window: LocatedCovariance = NOTHING
     #: Covariance of the newest keyframe in its window, from the bundle adjustment, times `adjustment_inflation`.
     in_window: FloatArray = field(default_factory=lambda: ZERO)

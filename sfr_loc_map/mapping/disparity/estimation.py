@@ -24,8 +24,8 @@
       ▼
     DisparityMap         without the effect of the roll of the right camera, and without pixels beyond the maximum depth
 
-`surfaces` contains `DisparityScene`, the images and disparities on which the stages from validity on operate, and
-functions for jumps, slopes and occlusions. `matching_cost` computes how well a pixel matches at a disparity, for the
+`surfaces` contains functions for jumps, slopes and occlusions, and `DisparityScene`: the images and disparities that
+validity, right camera and holes use. `matching_cost` computes how well a pixel matches at a disparity, for the
 network of `validity` and for the filling of holes.
 """
 
