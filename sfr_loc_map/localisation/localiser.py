@@ -379,8 +379,8 @@ class Localiser:
         return candidate._replace(
             tracks=tracks,
             calibration=calibration,
-            shear_mean=candidate.shear_mean.with_pair(yaw.shear_chi2),
-            shear_chi2=yaw.shear_chi2,
+            shear_mean=candidate.shear_mean.with_pair(yaw.shear.chi2),
+            shear=yaw.shear,
         )
 
     def _judge(self, state: State, candidate: Candidate, findings: frozenset[Finding]) -> Verdict:
@@ -394,7 +394,7 @@ class Localiser:
         findings |= guards.check_sides(frame, tracks, self._tracker, candidate.calibration.offset)
         findings |= guards.check_window(state.gap_keyframes, has_diverged=state.has_diverged)
         findings |= guards.check_calibration(candidate.calibration)
-        findings |= guards.check_shear(candidate.shear_chi2, candidate.shear_mean)
+        findings |= guards.check_shear(candidate.shear.chi2, candidate.shear_mean)
         return decide(findings)
 
     def _refusals_of_pose(self, last: LastPose, frame: StereoFrame, tracks: Tracks) -> frozenset[Finding]:

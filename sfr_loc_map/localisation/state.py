@@ -37,6 +37,7 @@ from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibratio
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.estimate import StartPose, StateReason, StepEstimate, TrackingState, TrackingStatistics
 from sfr_loc_map.localisation.findings import Action, Verdict
+from sfr_loc_map.localisation.frontend.right_camera import NO_SHEAR, RowShear
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.ground.memory import GroundMemory
@@ -61,7 +62,7 @@ class Candidate(NamedTuple):
     tracks: Tracks  #: Tracks of the ground with corrected right observations, and their pose.
     calibration: OnlineCalibration  #: The calibration, updated by the pair.
     shear_mean: ShearMean  #: The running mean, updated by the pair.
-    shear_chi2: float = 0.0  #: Squared shear of the rows of this pair, divided by its variance, per degree of freedom.
+    shear: RowShear = NO_SHEAR  #: Shear of the rows of this pair.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,7 +150,7 @@ class State:
             landmark_map=candidate.landmark_map,
             calibration=candidate.calibration,
             was_known=self.status is not TrackingState.LOST,
-            shear_chi2=candidate.shear_chi2,
+            shear=candidate.shear,
             inflation=verdict.inflation,
             other_distance=candidate.ground.other_distance,
         )

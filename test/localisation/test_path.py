@@ -22,6 +22,7 @@ from sfr_loc_map.localisation.backend.online_calibration import (
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.estimate import StartPose, StepEstimate
 from sfr_loc_map.localisation.findings import Inflation
+from sfr_loc_map.localisation.frontend.right_camera import NO_SHEAR
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW_RATIO
 from sfr_loc_map.localisation.motion_model import MAX_MISSED_PAIRS, Prediction
 from sfr_loc_map.localisation.motion_size import MAX_ANGLE_RAD, MotionSize
@@ -85,7 +86,7 @@ def pair_at(
         map_of(NOTHING),  # type: ignore[arg-type]
         known or OnlineCalibration(RIG.camera, (RIG.height, RIG.width), 7),
         was_known=True,
-        shear_chi2=0.0,
+        shear=NO_SHEAR,
         inflation=inflation,
         other_distance=MotionSize(0.0, 0.0),
     )

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, read_only
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.jit import jit
 from sfr_loc_map.localisation.frontend.pose_solver import (
@@ -65,12 +65,34 @@ def _offsets_at(offset: RightCameraOffset, uv: FloatArray, camera: StereoCamera)
     return offsets
 
 
+class RowShear(NamedTuple):
+    """Shear of the rows of both images (rolling shutter)."""
+
+    chi2: float  #: Squared Mahalanobis norm of the shears of both images, per degree of freedom.
+    #: `(6,)` difference between the pose with the estimated shears and the pose without shears: position, m, and
+    #: rotation about the axes of the world, rad.
+    pose_shift: FloatArray
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance `(6, 6)` of the error of a pose that was solved without shears.
+
+            covariance = max(1 - 1 / chi2, 0) pose_shift pose_shift^T
+
+        Without shear, `chi2` is 1 on average, so that shears of this size are noise and add nothing.
+        """
+        excess = 1.0 - 1.0 / max(self.chi2, 1.0)
+        return excess * np.outer(self.pose_shift, self.pose_shift)
+
+
+NO_SHEAR = RowShear(0.0, read_only(np.zeros(6)))  #: Rows exposed at one time, or too few landmarks for an estimate.
+
+
 class PairYaw(NamedTuple):
     """Yaw of the right camera in a pair, relative to its yaw when the landmarks were triangulated."""
 
     px: float  #: Yaw, px, in addition to the corrections that were applied when the landmarks were triangulated.
-    #: Squared Mahalanobis norm of the shears of both images (rolling shutter), per degree of freedom.
-    shear_chi2: float
+    shear: RowShear  #: Shear of the rows.
     uv: FloatArray  #: `(N, 2)` left pixels of the landmarks that agree with the pose.
     disparity: FloatArray  #: `(N,)` residual disparities of these landmarks, pixels.
 
@@ -121,10 +143,10 @@ def pair_yaw(
     # A shear about another row is the same shear plus a shift. Distances are therefore from the middle row.
     middle_row = 0.5 * (shape[0] - 1)
     farthest = float(np.abs((right_uv[:, 1] - middle_row) / camera.fy).max())
-    shear_chi2 = _shear_chi2(equations, lens_px / farthest)
+    shear = _row_shear(equations, lens_px / farthest)
     agrees = weight > MIN_INLIER_WEIGHT
     disparity = linearised.residuals[agrees, 2] - linearised.residuals[agrees, 0]
-    return PairYaw(_yaw_px(equations), shear_chi2, left_uv[agrees], disparity)
+    return PairYaw(_yaw_px(equations), shear, left_uv[agrees], disparity)
 
 
 def _in_both_images(
@@ -165,13 +187,19 @@ def _yaw_px(equations: _StepEquations) -> float:
     return float(inverse_row @ equations.rhs[:size])
 
 
-def _shear_chi2(equations: _StepEquations, lens_sigma: float) -> float:
-    """Return the squared Mahalanobis norm of the shears s per degree of freedom, `s^T C^-1 s / 2`.
+def _row_shear(equations: _StepEquations, lens_sigma: float) -> RowShear:
+    """Estimate the shears of both images, and the shift of the pose that they cause.
 
-    The covariance C is that of the step plus the variance of a shear that lens errors may resemble. The values on
-    drives without shear are given at `guards.MAX_SHEAR` and `guards.MAX_MEAN_SHEAR`.
+        chi2 = s^T C_s^-1 s / 2
+        pose_shift = C_ps C_s^-1 s
+
+    s are the shears, C_s is their covariance in the step plus the variance of a shear that lens errors may resemble,
+    and C_ps is the covariance of pose and shears in the step. The values of `chi2` on drives without shear are given at
+    `guards.MAX_SHEAR` and `guards.MAX_MEAN_SHEAR`.
     """
     covariance = np.linalg.inv(equations.information)
     shears = (covariance @ equations.rhs)[SHEAR]
     covariance_of_shears = covariance[SHEAR, SHEAR] + np.eye(2) * lens_sigma**2
-    return float(shears @ np.linalg.solve(covariance_of_shears, shears)) / 2.0
+    weighted_shears = np.linalg.solve(covariance_of_shears, shears)
+    chi2 = float(shears @ weighted_shears) / 2.0
+    return RowShear(chi2, covariance[POSE, SHEAR] @ weighted_shears)

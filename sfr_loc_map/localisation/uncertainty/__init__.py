@@ -55,7 +55,7 @@ pose (`LastPose.known_ns`). The standard deviation of an angle is at most 1.81 r
 | external pose between two distant pairs | `unobserved`, t to the nearer pair | `external` | external pose |
 | external pose after the last accepted pair | `unobserved`, t from its stamp on | `kept_motion` | next accepted pair |
 | ... and the next accepted pair | last `this_pair`; `unobserved`, t to the stamp | `external` | external pose |
-| sheared rows, even without a finding | factor max(`shear_chi2`, 1) | `noise` of the step | next pair |
+| sheared rows, even without a finding | shift of the pose by the shear | `noise` of the step | next pair |
 | lost pair | 9999 m^2 and 9999 rad^2 replace the covariance | all | next pair that is not lost |
 
 `findings.RULES` lists the inflation of each finding. Two pairs are distant if a pair between them is missing or was
@@ -73,7 +73,8 @@ their errors:
   Z_tracked / f. `step_ratio` is the optical flow of the step divided by that between the keyframes (at least a quarter
   of the flow that triggers a keyframe), and is at least 0.02. `added` (below) is added to this product.
 - `noise` (`pose_noise`), white noise of a pose, which cancels between consecutive steps: 0.5 max(`variance_factor`,
-  0.2) max(`shear_chi2`, 1) `given_keyframes`; and attitude 1e-5 rad. `noise_before` is that of the previous pose.
+  0.2) `given_keyframes`; attitude 1e-5 rad; and sqrt(max(1 - 1 / `chi2`, 0)) times the shift of the pose by sheared
+  rows (`right_camera.RowShear`). `noise_before` is that of the previous pose.
 - `systematic` (`systematic_step`), errors common to all steps, which add up with their sign: position hypot(0.01 px,
   `yaw_sigma_px`, `remaining_px`) Z_tracked / (f b) times the displacement; and the attitude of `correlated` without
   `ambiguity`.

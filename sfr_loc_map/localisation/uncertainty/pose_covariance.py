@@ -22,6 +22,7 @@ from sfr_loc_map.geometry.transform import Transform, propagated_covariance, sym
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.findings import Inflation
+from sfr_loc_map.localisation.frontend.right_camera import RowShear
 from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.motion_size import NO_MOTION, MotionSize
 from sfr_loc_map.localisation.uncertainty.error_sources import ZERO, AddedError, ErrorSources, RoverModel
@@ -38,7 +39,7 @@ class AcceptedPair:
     landmark_map: LandmarkMap  #: Map in which the pose was estimated.
     calibration: OnlineCalibration  #: The calibration, updated by the pair.
     was_known: bool  #: Whether the previous pose was known (tracked or kept, not lost).
-    shear_chi2: float  #: Squared shear of the image rows divided by its variance, per degree of freedom.
+    shear: RowShear  #: Shear of the rows of the images.
     inflation: Inflation  #: What the findings of the pair add to the covariance.
     other_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
 

@@ -12,6 +12,7 @@ from sfr_loc_map.geometry.transform import Transform, propagated_covariance, sym
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import KeyframeMotion
 from sfr_loc_map.localisation.estimate import StepEstimate
+from sfr_loc_map.localisation.frontend.right_camera import RowShear
 from sfr_loc_map.localisation.motion_size import MotionSize, Speed, size_of
 from sfr_loc_map.localisation.uncertainty.error_sources import (
     ZERO,
@@ -128,19 +129,17 @@ def pose_noise(
     *,
     R_world_left: FloatArray,
     variance_factor: float | None,
-    shear_chi2: float,
+    shear: RowShear,
     model: RoverModel,
 ) -> FloatArray:
     """Return the covariance `noise` `(6, 6)` of the white noise of a pose of RB, in RB.
 
-        noise = white_ratio max(variance_factor, min_variance_factor) max(shear_chi2, 1) given_keyframes
-                + exposure_rad^2 (attitude)
-
-    `shear_chi2` is the squared shear of the rows of the image divided by its variance, per degree of freedom.
+    noise = white_ratio max(variance_factor, min_variance_factor) given_keyframes
+            + shear (`RowShear.covariance`) + exposure_rad^2 (attitude)
     """
     sources = model.sources
     factor = 1.0 if variance_factor is None else max(variance_factor, sources.min_variance_factor)
-    noise = sources.white_ratio * factor * max(shear_chi2, 1.0) * given_keyframes
+    noise = sources.white_ratio * factor * given_keyframes + shear.covariance
     T_rb_left = model.T_rb_left
     noise = propagated_covariance(noise, -T_rb_left.translation, T_rb_left.rotation @ R_world_left.T)
     noise[3:, 3:] += sources.exposure_rad**2 * np.eye(3)
@@ -211,7 +210,7 @@ class PublishedPose:
             pair.given_keyframes,
             R_world_left=pair.T_world_left.rotation,
             variance_factor=variance_factor,
-            shear_chi2=pair.shear_chi2,
+            shear=pair.shear,
             model=model,
         )
         published = PublishedPose(

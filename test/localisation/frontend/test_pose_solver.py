@@ -125,13 +125,26 @@ def test_a_shift_is_found_though_the_pose_was_solved_without_and_some_landmarks_
 def test_the_shear_statistic_is_small_for_noise_and_large_for_a_rolling_shutter() -> None:
     random = np.random.default_rng(5)
     noisy = [project(TRUTH) + random.normal(0.0, NOISE_PX, (COUNT, 4)) for _ in range(100)]
-    statistics = [shift_found(uv).shear_chi2 for uv in noisy]
+    statistics = [shift_found(uv).shear.chi2 for uv in noisy]
     # chi2 per degree of freedom is 1 on average; robust weights shorten the step
     assert 0.4 < np.mean(statistics) < 1.0
     rows = CAMERA.normalised(noisy[0][:, :2])[:, 1]
     noisy[0][:, 0] += rows
     noisy[0][:, 2] += rows
-    assert shift_found(noisy[0]).shear_chi2 > 20.0
+    assert shift_found(noisy[0]).shear.chi2 > 20.0
+
+
+def test_the_shift_of_the_pose_by_a_shear_is_the_error_of_a_pose_that_was_solved_without_shears() -> None:
+    uv = project(TRUTH)
+    rows = CAMERA.normalised(uv[:, :2])[:, 1]
+    uv[:, 0] += rows
+    uv[:, 2] += rows
+    observations = StereoObservations(uv, VARIANCE)
+    sheared = solve_pose(START, LANDMARKS, observations, CAMERA, 30).pose
+    found = pair_yaw(sheared, LANDMARKS, observations, CAMERA, SHAPE, 0.0)
+    error = np.concatenate((TRUTH.position - sheared.position, rotvec_from_matrix(TRUTH.rotation @ sheared.rotation.T)))
+    # robust weights make one step fall short
+    np.testing.assert_allclose(found.shear.pose_shift, error, atol=0.4 * np.abs(error).max())
 
 
 @pytest.mark.parametrize("centre_row", [240.0, 0.0, -300.0])
@@ -143,5 +156,5 @@ def test_a_shear_that_lens_errors_explain_is_not_significant_wherever_the_image_
     from_middle = uv[:, 3] - 240.0
     uv[:, 2] += lens_px * from_middle / np.abs(from_middle).max()
     observations = StereoObservations(uv, VARIANCE)
-    assert pair_yaw(TRUTH, landmarks, observations, camera, SHAPE, 0.0).shear_chi2 > 10.0
-    assert pair_yaw(TRUTH, landmarks, observations, camera, SHAPE, lens_px).shear_chi2 < 2.0
+    assert pair_yaw(TRUTH, landmarks, observations, camera, SHAPE, 0.0).shear.chi2 > 10.0
+    assert pair_yaw(TRUTH, landmarks, observations, camera, SHAPE, lens_px).shear.chi2 < 2.0

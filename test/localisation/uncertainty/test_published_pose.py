@@ -15,6 +15,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.findings import Inflation
+from sfr_loc_map.localisation.frontend.right_camera import NO_SHEAR
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW_RATIO
 from sfr_loc_map.localisation.motion_size import NO_MOTION, MotionSize, Speed
 from sfr_loc_map.localisation.uncertainty.error_sources import (
@@ -44,7 +45,7 @@ def pair(number: int, *, was_known: bool = True) -> AcceptedPair:
     nothing = MotionSize(0.0, 0.0)
     stamp_ns = number * PERIOD_NS
     return AcceptedPair(
-        stamp_ns, tracks, landmark_map, calibration, was_known, 0.0, Inflation.NONE, other_distance=nothing
+        stamp_ns, tracks, landmark_map, calibration, was_known, NO_SHEAR, Inflation.NONE, other_distance=nothing
     )
 
 

@@ -13,6 +13,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration, YawEstimate
 from sfr_loc_map.localisation.backend.sliding_window import KeyframeMotion
 from sfr_loc_map.localisation.config import MotionBounds
+from sfr_loc_map.localisation.frontend.right_camera import RowShear
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW_RATIO
 from sfr_loc_map.localisation.motion_size import MotionSize
 from sfr_loc_map.localisation.uncertainty.error_sources import RoverModel
@@ -61,15 +62,20 @@ def test_errors_from_images_grow_with_the_part_of_the_keyframe_interval(
 
 
 def test_white_noise_grows_with_the_residuals_and_the_shear() -> None:
+    shift = np.array([3e-3, 0.0, 0.0, 0.0, 0.0, 4e-4])  # m and rad
+
     def noise(variance_factor: float | None, shear_chi2: float) -> np.ndarray:
-        noise = pose_noise(
-            GIVEN, R_world_left=np.eye(3), variance_factor=variance_factor, shear_chi2=shear_chi2, model=MODEL
-        )
+        shear = RowShear(shear_chi2, shift)
+        noise = pose_noise(GIVEN, R_world_left=np.eye(3), variance_factor=variance_factor, shear=shear, model=MODEL)
         noise[3:, 3:] -= SOURCES.exposure_rad**2 * np.eye(3)
         return np.asarray(noise)
 
     np.testing.assert_allclose(noise(None, 0.0), 0.5 * GIVEN, atol=1e-16)
-    np.testing.assert_allclose(noise(3.0, 4.0), 0.5 * 3.0 * 4.0 * GIVEN, atol=1e-16)
+    by_shear = np.zeros((6, 6))  # three quarters of the squares of the shift
+    by_shear[0, 0] = 6.75e-6
+    by_shear[5, 5] = 1.2e-7
+    by_shear[0, 5] = by_shear[5, 0] = 9e-7
+    np.testing.assert_allclose(noise(3.0, 4.0), 0.5 * 3.0 * GIVEN + by_shear, atol=1e-16)
     np.testing.assert_allclose(noise(0.0, 1.0), 0.5 * 0.2 * GIVEN, atol=1e-16)
 
 
