@@ -12,7 +12,6 @@ from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.conventions.convention_diagnosis import Diagnosis, diagnose
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
 from sfr_loc_map.metrics.figures.records import ConventionRecord
-from sfr_loc_map.metrics.frames.true_attitudes import check_true_attitudes
 from sfr_loc_map.scoring.inputs import Correction, DriveToScore, Run
 
 
@@ -76,10 +75,9 @@ def fitted_unit(convention: ConventionRecord | None) -> ConventionFinding | None
 def diagnose_run(run: Run, config: ScoreConfig) -> Diagnosis:
     """Return the diagnosis of the convention mismatch between estimate and truth.
 
-    MetricsError if the run has no trajectories, or if the truth has only positions or no roll and pitch.
+    MetricsError if the run has no trajectories, or if the estimate has only positions.
     """
     drive = run.drive
     if drive is None:
         raise MetricsError("a diagnosis requires an estimated and a true trajectory: give files with poses")
-    check_true_attitudes(drive.truth, "a diagnosis", "omit '--diagnose', or give a truth with orientations")
     return diagnose(drive.estimates.trajectory, drive.truth, config.trajectory.association, drive.rig)

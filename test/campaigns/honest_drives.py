@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 
-from helpers.honest_drives import honest_drive
+from helpers.honest_drives import honest_drive, positions_of
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.conventions.convention_diagnosis import diagnose
 
@@ -24,9 +24,10 @@ def main(arguments: list[str]) -> int:
     accused = 0
     for seed in range(given.seed, given.seed + given.drives):
         kind, estimate, truth = honest_drive(seed)
-        found = diagnose(estimate, truth, AssociationConfig(), every=False).found
-        if found is not None:
-            accused += 1
-            print(f"seed {seed}, {kind}: {found.sentence}")
-    print(f"{accused} of {given.drives} honest drives accused")
+        for known in (truth, positions_of(truth)):
+            found = diagnose(estimate, known, AssociationConfig(), every=False).found
+            if found is not None:
+                accused += 1
+                print(f"seed {seed}, {kind}: {found.sentence}")
+    print(f"{accused} reports of {given.drives} honest drives, with complete truths and with positions alone")
     return 1 if accused else 0

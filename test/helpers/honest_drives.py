@@ -7,7 +7,13 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth
+
+
+def positions_of(truth: Trajectory) -> Truth:
+    """The truth with positions alone."""
+    return Truth(truth.stamps_ns, truth.positions, np.zeros_like(truth.quats_xyzw))
+
 
 KINDS = ("noise", "drift", "scale", "outliers", "last frames", "short", "straight", "standing")
 

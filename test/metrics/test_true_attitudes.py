@@ -12,7 +12,7 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationConfig
-from sfr_loc_map.metrics.conventions.convention_diagnosis import NO_DIAGNOSIS, diagnose
+from sfr_loc_map.metrics.conventions.convention_diagnosis import diagnose
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention, converted_estimates
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.score.score import Score
@@ -70,4 +70,6 @@ def test_the_world_frame_is_not_aligned_with_placeholders(incomplete: Callable[[
 @pytest.mark.parametrize("incomplete", [without_tilt, without_attitudes])
 def test_an_estimate_is_not_diagnosed_by_placeholders(incomplete: Callable[[Trajectory], Truth]) -> None:
     exact = bend_on_slope()
-    assert diagnose(exact, incomplete(exact), AssociationConfig()) == NO_DIAGNOSIS
+    found = diagnose(exact, incomplete(exact), AssociationConfig())
+    assert found.disagreement == pytest.approx(0.0, abs=1e-9)
+    assert found.found is None

@@ -7,7 +7,7 @@ scalar first or last, must not be contradicted by comments or by the motion.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from sfr_loc_map.io.tables.user_columns import columns_text
 
 LEVEL = 0.5  #: Smallest vertical component of the upward axis of a level vehicle: a tilt of 60 deg.
 FORWARD = 0.5  #: Smallest mean component along the path of the forward axis of a vehicle that drives forward.
+FEWEST_POSITIONS = 3  #: Smallest number of positions that show a path.
 FEWEST_POSES = 20  #: Smallest number of poses that can contradict a header.
 CLOSE_TO_PATH = 0.9  #: Smallest mean component along the path of the forward axis in the other order than that named.
 CLOSER_TO_PATH = 0.1  #: Smallest difference of this component to those in the named order.
@@ -72,7 +73,10 @@ def check_positions_are_lengths(head: TableHead, columns: PoseColumns) -> None:
     if STAMP not in columns or columns.value_keys != POSITION:
         return
     indices = [columns.index_of[key] for key in (STAMP, *POSITION)]
-    rows = _stamped_positions(head.numbers(max(indices) + 1)[:, indices])
+    rows = _stamped_rows(head, indices, 1)
+    rows = rows[plausible_positions(rows[:, 1:])]
+    if len(rows) < FEWEST_POSITIONS:
+        return
     if not columns.are_named and _are_degrees(rows[:, 1:3]):
         raise InputError(
             f"{head.name} has four columns and no header, and the second and the third are probably latitude and "
@@ -95,11 +99,16 @@ def _may_be_heading(head: TableHead, columns: PoseColumns, column: int) -> bool:
     return not columns.are_named or "h" in titles
 
 
-def _stamped_positions(rows: FloatArray) -> FloatArray:
-    """Return the rows t, x, y, z `(N, 4)` that are positions, in the order of their stamps."""
+def _stamped_rows(head: TableHead, indices: Sequence[int], stamps: int) -> FloatArray:
+    """Return the finite numbers of the first rows in these columns, in the order of the first columns, the `stamps`.
+
+    Dates are no numbers; their rows are in the order of the file.
+    """
+    rows = head.numbers(max(indices) + 1)[:, indices]
+    if not np.isfinite(rows[:, :stamps]).any():
+        rows[:, :stamps] = np.arange(len(rows))[:, None]
     rows = rows[np.isfinite(rows).all(axis=1)]
-    rows = rows[plausible_positions(rows[:, 1:])]
-    return rows[np.argsort(rows[:, 0], kind="stable")]
+    return rows[np.lexsort([rows[:, column] for column in reversed(range(stamps))])] if stamps else rows
 
 
 # ---- order of quaternions
@@ -175,10 +184,7 @@ def _poses(head: TableHead, columns: PoseColumns) -> tuple[FloatArray, FloatArra
     """Return the valid positions `(N, 3)` and quaternions `(N, 4)` of the first rows, in the order of their stamps."""
     stamps = [key for key in (STAMP, SECONDS, NANOSECONDS) if key in columns]
     indices = [columns.index_of[key] for key in (*stamps, *POSITION, *QUATERNION)]
-    rows = head.numbers(max(indices) + 1)[:, indices]
-    rows = rows[np.isfinite(rows).all(axis=1)]
-    if stamps:
-        rows = rows[np.lexsort([rows[:, column] for column in reversed(range(len(stamps)))])]
+    rows = _stamped_rows(head, indices, len(stamps))
     positions = rows[:, len(stamps) : -4]
     quats = rows[:, -4:]
     is_valid = plausible_positions(positions) & plausible_attitudes(quats)
@@ -248,7 +254,7 @@ def _are_degrees(path: FloatArray) -> bool:
     In degrees, a drive of less than 1 km is small compared with its distance from the equator and the meridian. In
     metres, so small an extent would be that of a stationary body, whose noise is not smooth.
     """
-    if len(path) < 3 or float(np.abs(path).max()) > LARGEST_DEG:
+    if float(np.abs(path).max()) > LARGEST_DEG:
         return False
     extent = float(np.ptp(path, axis=0).max())
     steps = np.diff(path, axis=0)

@@ -11,6 +11,7 @@ from sfr_loc_map.inputs import MAX_INVALID
 MAX_EQUAL = 2  #: Largest mean number of poses with one stamp; some tools write each pose twice.
 SAME_PLACE_M = 0.01  #: Largest distance of positions at equal stamps that may be noise, m.
 APART_STEPS = 5.0  #: Smallest distance of two bodies, as a multiple of the median step between different stamps.
+NEXT_ROWS = 6  #: Number of following rows in which the next row of the same body is searched.
 RUN_ROWS = 10  #: Smallest number of rows of a run; rows in random order have shorter runs.
 
 
@@ -22,6 +23,7 @@ def check_one_run_of_one_body(name: str, lines: IntArray, stamps_ns: IntArray, p
     _check_stamps_differ(name, stamps_ns)
     _check_one_run(name, lines, stamps_ns)
     _check_one_body(name, lines, stamps_ns, positions)
+    _check_not_alternating(name, stamps_ns, positions)
 
 
 def _check_stamps_differ(name: str, stamps_ns: IntArray) -> None:
@@ -80,5 +82,33 @@ def _check_one_body(name: str, lines: IntArray, stamps_ns: IntArray, positions: 
         raise InputError(
             f"{name} line {line} and {len(apart_m) - 1} more have the stamp of another line, but positions that "
             f"are typically {typical_m:.3g} m apart: the poses of one body are required;",
+            "give each body a file of its own",
+        )
+
+
+def _check_not_alternating(name: str, stamps_ns: IntArray, positions: FloatArray) -> None:
+    """Raise InputError if the path `(N, 3)` alternates between places, as the rows of several bodies with own stamps.
+
+    The next row of the same body is then near, but not the next row. White noise of a stationary body has steps of at
+    most about three times the smallest distance to the following rows. A stationary body whose positions are rounded
+    may alternate between two places, so that the bodies must also move by more than their distance.
+    """
+    ordered = positions[np.argsort(stamps_ns, kind="stable")]
+    count = len(ordered) - NEXT_ROWS
+    if count < RUN_ROWS:
+        return
+    to_next_m = np.linalg.norm(ordered[1 : count + 1] - ordered[:count], axis=1)
+    nearest_m = to_next_m
+    for later in range(2, NEXT_ROWS + 1):
+        nearest_m = np.minimum(nearest_m, np.linalg.norm(ordered[later : later + count] - ordered[:count], axis=1))
+    is_away = to_next_m > np.maximum(SAME_PLACE_M, APART_STEPS * nearest_m)
+    if np.mean(is_away) <= MAX_INVALID:
+        return
+    typical_m = float(np.median(to_next_m[is_away]))
+    extent_m = float(np.linalg.norm(np.ptp(ordered, axis=0)))
+    if to_next_m.mean() > APART_STEPS * nearest_m.mean() and extent_m > 2.0 * typical_m:
+        raise InputError(
+            f"{name}: {np.count_nonzero(is_away)} of {count} steps lead to another place and back, typically "
+            f"{typical_m:.3g} m away: the poses of one body are required;",
             "give each body a file of its own",
         )

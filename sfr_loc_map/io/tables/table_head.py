@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -20,6 +21,7 @@ from sfr_loc_map.io.tables.titles import split_unit, symbol_of
 HEAD_LINES = 5000  #: Number of lines from which the columns are detected. Later rows that do not fit are invalid.
 SEPARATORS = (";", "\t", ",")  #: Separators of cells in the order of preference; spaces are tried last.
 NAMED_COLUMNS = 4  #: Smallest number of names in a header: t, x, y, z.
+_WORD = re.compile(r"[\w/]")  #: Beginning of a cell with a name.
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +45,7 @@ class TableHead:
                 continue
             separator = _separator_of_row(text)
             cells = split_cells(text, separator)
-            if _are_numbers(cells) and (is_number(cells[0]) or is_time(cells[0])):
+            if _are_numbers(cells) and _begins_row(cells):
                 return cls(name, option, lines[:number], text, separator, _cells_of(lines[number:], separator))
         filled = [(number, line.strip()[:60]) for number, line in enumerate(lines, 1) if line.strip()]
         found = ", ".join(f"line {number} is '{line}'" for number, line in filled[:2]) or "it is empty"
@@ -114,6 +116,18 @@ def _separator_of_row(text: str) -> str | None:
 def _are_numbers(cells: Sequence[str]) -> bool:
     """Return whether there are two or more cells, of which at least half are numbers or empty."""
     return len(cells) > 1 and 2 * sum(is_number(cell) or not cell for cell in cells) >= len(cells)
+
+
+def _begins_row(cells: Sequence[str]) -> bool:
+    """Return whether the first cell may be that of a row: a number, a time, or a word before at least four numbers.
+
+    A word is the name of a point, a frame or a topic. Lines with fewer numbers are titles (`Objects 100`). Sentences of
+    NMEA begin with a dollar sign.
+    """
+    first = cells[0]
+    if is_number(first) or is_time(first):
+        return True
+    return bool(_WORD.match(first)) and sum(is_number(cell) or is_time(cell) for cell in cells) >= NAMED_COLUMNS
 
 
 def _cells_of(lines: Sequence[str], separator: str | None) -> list[list[str]]:

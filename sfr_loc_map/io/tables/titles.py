@@ -11,15 +11,22 @@ from sfr_loc_map.io.tables.length_units import LENGTH_WORDS, length_symbol
 from sfr_loc_map.io.tables.pose_columns import COVARIANCE_KEYS, DOWN, NANOSECONDS, POSITION, QUATERNION, SECONDS, STAMP
 
 NAMES: dict[str, tuple[str, ...]] = {  # the names of positions and quaternions follow below
-    STAMP: ("headerstamp", "timestamp", "stamp", "time", "t", "utime", "unixtime", "timestamps"),
+    STAMP: (
+        *("headerstamp", "timestamp", "stamp", "time", "t", "utime", "unixtime", "utctime", "timestamps"),
+        *("gpst", "datetime"),
+    ),
     SECONDS: ("sec", "secs", "headerstampsec", "headerstampsecs", "stampsec", "timesec", "timestampsec"),
     NANOSECONDS: (
         *("nsec", "nsecs", "nanosec", "nanosecs", "headerstampnanosec", "headerstampnsecs", "stampnanosec"),
         *("usec", "usecs", "microsec", "microsecs", "microseconds", "msec", "msecs", "millisec", "millisecs"),
     ),
 }
-_FORMS = ("{}", "p{}", "t{}", "pos{}", "position{}", "translation{}", "{}enu", "prsr{}", "rboriginposmds{}")
-_EAST, _NORTH, _UP = ("east", "easting", "e"), ("north", "northing", "n"), ("up", "height", "h", "elevation")
+_FORMS = (
+    *("{}", "p{}", "t{}", "pos{}", "position{}", "{}pos", "{}position"),
+    *("translation{}", "{}enu", "prsr{}", "rboriginposmds{}"),
+)
+_EAST, _NORTH = ("east", "easting", "ebaseline", "e"), ("north", "northing", "nbaseline", "n")
+_UP = ("up", "height", "ubaseline", "h", "elevation", "altitude", "alt")
 _OF_AXES: list[dict[str, tuple[str, ...]]] = [{axis: (form.format(axis),) for axis in "xyz"} for form in _FORMS]
 FAMILIES: tuple[dict[str, tuple[str, ...]], ...] = (
     *_OF_AXES,

@@ -25,11 +25,11 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.conventions.disagreement import ComparedPoses, compared_poses, disagreements, eighths
+from sfr_loc_map.metrics.conventions.disagreement import ComparedPoses, compared_poses, eighths
 from sfr_loc_map.metrics.conventions.mismatches import Mismatch, mismatches_of
 from sfr_loc_map.metrics.conventions.offset_search import best_offset, period_ns
 from sfr_loc_map.metrics.figures.records import Record
-from sfr_loc_map.metrics.frames.true_attitudes import incomplete_attitudes
+from sfr_loc_map.metrics.frames.association import check_attitudes
 
 NEGLIGIBLE = 1e-3
 """Disagreement that requires no explanation: 0.1 % of the path, or 0.06 deg. The drift of visual odometry is larger
@@ -81,9 +81,6 @@ class Tried(NamedTuple):
     remaining: FloatArray
 
 
-NO_DIAGNOSIS = Diagnosis(disagreement=None, hypotheses=(), found=None)
-
-
 def diagnose(
     estimate: Trajectory,
     truth: Trajectory,
@@ -95,13 +92,11 @@ def diagnose(
     """Find the single convention mismatch that explains the disagreement of estimate and truth (poses of RB in DS).
 
     With `every`, all hypotheses are tried even if estimate and truth agree. A score does not need these hypotheses.
-    The diagnosis is empty if the truth has only positions, or no roll and pitch. MetricsError if the truth has complete
-    attitudes but the estimate has only positions.
+    MetricsError if the estimate has only positions.
     """
-    if incomplete_attitudes(truth) is not None:  # the disagreement requires attitudes
-        return NO_DIAGNOSIS
+    check_attitudes(estimate)
     compared = compared_poses(estimate, truth, config, rig)
-    as_delivered = disagreements(compared.true, compared.found) if compared.has_enough_frames else None
+    as_delivered = compared.disagreements(compared.true, compared.found) if compared.has_enough_frames else None
     before = None if as_delivered is None else float(np.mean(as_delivered))
     if as_delivered is not None and np.median(as_delivered) < NEGLIGIBLE and not every:
         return Diagnosis(disagreement=before, hypotheses=(), found=None)
@@ -148,7 +143,7 @@ def _with_scale_of_truth(compared: ComparedPoses) -> Iterator[FloatArray]:
     true_m, found_m = (np.linalg.norm(p[ends] - p[starts], axis=1) for p in (true_positions, positions))
     scale = float(true_m @ found_m) / max(float(found_m @ found_m), 1e-12)
     if HONEST_SCALES[0] <= scale <= HONEST_SCALES[1]:
-        yield disagreements(compared.true, (scale * positions, quats))
+        yield compared.disagreements(compared.true, (scale * positions, quats))
 
 
 def _by_mismatch(compared: ComparedPoses) -> Iterator[Tried]:
@@ -175,9 +170,9 @@ def _remaining_after(mismatch: Mismatch, compared: ComparedPoses) -> FloatArray:
     pose.
     """
     if mismatch.is_of_truth:
-        return disagreements(mismatch.correct(*compared.true), compared.found)
+        return compared.disagreements(mismatch.correct(*compared.true), compared.found)
     corrected = mismatch.correct(compared.estimate.positions, compared.estimate.quats_xyzw)
-    return disagreements(compared.true, compared.at_frames(corrected))
+    return compared.disagreements(compared.true, compared.at_frames(corrected))
 
 
 def _by_offset(compared: ComparedPoses) -> Iterator[Tried]:

@@ -11,9 +11,11 @@ mismatch of the truth, the conversion is applied to the truth, and the user must
 | unit of the estimate or of the truth | none | `units` |
 | poses of the left camera of the rig | none | `left_camera` |
 | poses of a camera or of another point of the rover | lever arm, rotation | `fitted_point` |
+| true poses of a camera | lever arm, rotation | `true_camera` |
 
 To add a mismatch, add its line to `MISMATCHES`. If the mismatch depends on the compared poses or on the rig, add a
-function to `DEPENDENT`.
+function to `DEPENDENT`. If the true attitudes are incomplete, only `LEFT_HANDED` and `units` change the disagreement,
+which is then that of the positions.
 """
 
 from __future__ import annotations
@@ -37,18 +39,23 @@ from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.metrics.conventions.disagreement import ComparedPoses, PoseArrays, eighths
+from sfr_loc_map.metrics.conventions.disagreement import ComparedPoses, PoseArrays, aligned_moves, eighths
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention, poses_of_parent, poses_of_rb
 from sfr_loc_map.metrics.other_formulas import relative_motions
 
 MIN_LEVER_M = 0.05  #: Minimum fitted lever arm. Smaller lever arms are errors of extrinsics, and not another point.
+AXES_FITS = 5  #: Number of alternating fits of a lever arm and a rotation.
 MAX_TILT_DEG = 60.0  #: Maximum rotation of a fitted camera from forward-looking optical axes. Chosen by hand.
 MIN_CORRELATION = 0.5  #: Minimum correlation of estimated and true displacements for a wrong unit; noise has about 0.
+MIN_ALIGNED_CORRELATION = 0.9  #: The same after an alignment, which correlates noise. Chosen by hand.
+FOOT_M = 0.3048  #: Foot, m. The US survey foot differs by 2e-6.
+FOOT_WITHIN = 0.03  #: Largest relative difference of the scale from that of feet; a method has a scale error. By hand.
 SPEEDS = (0.005, 40.0)  #: Range of the speed of a vehicle, from a slow rover to a car, m/s. Chosen by hand.
 SPEED_QUANTILE = 0.9  #: Quantile of the speeds that is compared, because a rover may often be stationary.
 IDENTITY_WITHIN = 1e-9  #: Largest position, m, and angle, rad, of a pose that is considered the identity.
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])  #: Rotation of a point of the rover with the axes of RB.
 OPTICAL = quat_from_matrix(OPTICAL_IN_BODY)
+RB_AXES = "axes of RB"
 
 
 class Mismatch(NamedTuple):
@@ -120,6 +127,18 @@ MISMATCHES = (
         "these axes, --set 'truth.lever_quat_xyzw=[1, 0, 0, 0]' corrects the truth",
     ),
     of_truth(
+        "truth with optical axes",
+        "frame=rb_optical",
+        "its attitudes are those of the optical axes of a camera (x right, y down, z forward): --set "
+        f"'truth.lever_quat_xyzw={[round(number, 3) for number in OPTICAL.tolist()]}' corrects the truth",
+    ),
+    of_truth(
+        "truth with conjugated quaternions",
+        "quaternion=conjugated",
+        "its attitudes are conjugated (rotation from DS to RB in place of the orientation of RB in DS): conjugate them",
+    ),
+    of_truth("inverted truth", "inverse=true", "its poses are inverted (DS in RB): invert them"),
+    of_truth(
         "truth scalar first",
         "quaternion=wxyz",
         "its quaternions are scalar first: write them scalar last, or name the columns (option --columns "
@@ -127,10 +146,21 @@ MISMATCHES = (
     ),
 )
 """The mismatches that do not depend on the compared poses."""
+LEFT_HANDED = of_truth(
+    "left-handed truth",
+    "mirrored=true",
+    "its axes are left-handed: exchange the columns of x and y, or negate one axis (an estimate from swapped left and "
+    "right images has the same error)",
+)
+"""Mismatch of true positions without attitudes. With attitudes, `MISMATCHES` attributes the error to the estimate."""
 
 
 def mismatches_of(compared: ComparedPoses) -> Iterator[Mismatch]:
     """Yield the mismatches that the compared poses can show; there are at least `MIN_POSES` frames."""
+    if not compared.has_attitudes:
+        yield LEFT_HANDED
+        yield from units(compared)
+        return
     yield from MISMATCHES
     for mismatches in DEPENDENT:
         yield from mismatches(compared)
@@ -154,8 +184,14 @@ def units(compared: ComparedPoses) -> Iterator[Mismatch]:
     the truth has the speed of a vehicle and the estimate does not. Otherwise a mismatch of the truth is reported,
     without a setting.
     """
-    if not _moves_in_true_directions(compared.true, compared.found):
+    scale = _scale_of_truth(compared)
+    if scale is None:
         return
+    if abs(scale * FOOT_M - 1.0) < FOOT_WITHIN:
+        sentence = "its positions are in feet: convert them to metres"
+        yield of_truth("truth in feet", f"metres_per_unit={FOOT_M}", sentence)
+    if abs(scale / FOOT_M - 1.0) < FOOT_WITHIN:
+        yield by_setting("feet", f"metres_per_unit={FOOT_M}", "its positions are in feet: write metres")
     if _has_speed_of_vehicle(compared.truth) and not _has_speed_of_vehicle(compared.estimate):
         for unit, metres in (("millimetres", "0.001"), ("kilometres", "1000")):
             sentence = f"its positions are in {unit}: write metres"
@@ -166,16 +202,22 @@ def units(compared: ComparedPoses) -> Iterator[Mismatch]:
         yield of_truth(f"truth in {unit}", f"metres_per_unit={metres}", sentence)
 
 
-def _moves_in_true_directions(true: PoseArrays, found: PoseArrays) -> bool:
-    """Return whether the displacements have the directions of the true displacements.
+def _scale_of_truth(compared: ComparedPoses) -> float | None:
+    """Return the size of the true displacements relative to the estimated ones; None if their directions differ.
 
     The displacements of a stationary rover are noise. Without this condition the unit millimetre would explain this
     noise, because a smaller unit reduces it.
     """
-    true_moves = _motions(true).moves
-    moves = _motions(found).moves
-    size = float(np.linalg.norm(true_moves) * np.linalg.norm(moves))
-    return bool((true_moves * moves).sum() > MIN_CORRELATION * size)
+    if compared.has_attitudes:
+        least = MIN_CORRELATION
+        true_moves, moves = _motions(compared.true).moves, _motions(compared.found).moves
+    else:
+        least = MIN_ALIGNED_CORRELATION
+        has_height = compared.truth.has_height
+        true_moves, moves = aligned_moves(compared.true[0][None], compared.found[0], has_height=has_height)
+    true_m = float(np.linalg.norm(true_moves))
+    found_m = float(np.linalg.norm(moves))
+    return true_m / found_m if (true_moves * moves).sum() > least * true_m * found_m else None
 
 
 def _has_speed_of_vehicle(poses: Trajectory) -> bool:
@@ -202,19 +244,39 @@ def left_camera(compared: ComparedPoses) -> Iterator[Mismatch]:
 
 def fitted_point(compared: ComparedPoses) -> Iterator[Mismatch]:
     """Yield the mismatches in which the poses are those of a camera or another point, with fitted extrinsics."""
-    true = _motions(compared.true)
-    found = _motions(compared.found)
-    axes = {"axes of RB": UPRIGHT, "optical axes": OPTICAL}
-    fitted = _fitted_rotation(true, found)
+    for axes, lever_m, turn in _fitted_extrinsics(compared.true, compared.found):
+        position = ", ".join(f"{value:.2f}" for value in lever_m)
+        sentence = _of_point("another point", f"{axes}, at {position} m in RB")
+        yield _by_extrinsics(f"another point, {axes}", sentence, lever_m, turn)._replace(is_fitted=True)
+
+
+def true_camera(compared: ComparedPoses) -> Iterator[Mismatch]:
+    """Yield the mismatches in which the true poses are those of a camera, with fitted extrinsics."""
+    for axes, lever_m, turn in _fitted_extrinsics(compared.found, compared.true):
+        if axes == RB_AXES:
+            continue  # `fitted_point` has the same evidence, and no camera
+        lever, quat = ([round(number, 3) for number in numbers.tolist()] for numbers in (lever_m, turn))
+        sentence = (
+            f"its poses are those of a camera in place of RB ({axes}): --set 'truth.lever_arm_m=X' --set "
+            f"'truth.lever_quat_xyzw=Q' with the pose of the camera in RB corrects the truth; fitted are X={lever} and "
+            f"Q={quat}"
+        )
+        mismatch = _by_extrinsics(f"truth of a camera, {axes}", sentence, lever_m, turn)
+        yield mismatch._replace(setting="", is_fitted=True, is_of_truth=True)
+
+
+def _fitted_extrinsics(of_rb: PoseArrays, of_point: PoseArrays) -> Iterator[tuple[str, FloatArray, FloatArray]]:
+    """Yield the fitted lever arm, m, and rotation of a point of the rover, with the names of its axes."""
+    rb, point = _motions(of_rb), _motions(of_point)
+    axes = {RB_AXES: UPRIGHT, "optical axes": OPTICAL}
+    fitted = _fitted_axes(rb, point)
     tilt_deg = float(np.degrees(quat_angle(quat_multiply(fitted, quat_conjugate(OPTICAL)))))
     if tilt_deg <= MAX_TILT_DEG:
         axes["tilted optical axes"] = fitted
     for name, turn in axes.items():
-        lever_m = _fitted_lever_arm(true, found, turn)
+        lever_m = _fitted_lever_arm(rb, point, turn)
         if float(np.linalg.norm(lever_m)) >= MIN_LEVER_M:
-            position = ", ".join(f"{value:.2f}" for value in lever_m)
-            sentence = _of_point("another point", f"{name}, at {position} m in RB")
-            yield _by_extrinsics(f"another point, {name}", sentence, lever_m, turn)._replace(is_fitted=True)
+            yield name, lever_m, turn
 
 
 class _Motions(NamedTuple):
@@ -236,6 +298,16 @@ def _motions(poses: PoseArrays) -> _Motions:
     starts, ends = eighths(len(positions))
     moves, turns = relative_motions(positions, attitudes, starts, ends)
     return _Motions(np.where(turns[:, 3:] < 0.0, -turns, turns), moves)
+
+
+def _fitted_axes(rb: _Motions, point: _Motions) -> FloatArray:
+    """Return the rotation of a point of the rover, fitted in turn with its lever arm, which changes displacements."""
+    turn = _fitted_rotation(rb, point)
+    for _ in range(AXES_FITS):
+        lever_m = _fitted_lever_arm(rb, point, turn)
+        of_point = rb._replace(moves=rb.moves + quat_rotate(rb.turns, lever_m) - lever_m)
+        turn = _fitted_rotation(of_point, point)
+    return turn
 
 
 def _fitted_rotation(true: _Motions, found: _Motions) -> FloatArray:
@@ -275,5 +347,6 @@ DEPENDENT: tuple[Callable[[ComparedPoses], Iterator[Mismatch]], ...] = (
     units,
     left_camera,
     fitted_point,
+    true_camera,
 )
 """Functions that yield the mismatches that the compared poses can show."""

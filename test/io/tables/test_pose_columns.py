@@ -8,6 +8,7 @@ import json
 import lzma
 import re
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -57,7 +58,14 @@ TUM_ROWS = "".join(f"{0.1 * k:.1f} {0.1 * k} 2 3 0 0 0 1\n" for k in range(20))
 DEGREES = "".join(f"{0.1 * k:.1f} {48 + 1e-6 * k:.7f} {11 + 2e-6 * k:.7f} 500\n" for k in range(20))
 POSE = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
 COVARIANCE = "Pr11 Pr12 Pr13 Pr22 Pr23 Pr33 Pt11 Pt12 Pt13 Pt22 Pt23 Pt33"
+POSE_NAMES = "x,y,z,qx,qy,qz,qw"
 WXYZ = [3, 0, 1, 2]
+
+
+def moments(poses: Trajectory, form: str) -> list[str]:
+    """Return the stamps as dates and times of day, UTC."""
+    return [datetime.fromtimestamp(stamp / NS_PER_S, UTC).strftime(form) for stamp in poses.stamps_ns.tolist()]
+
 
 FORMS: dict[str, Callable[[Trajectory], str]] = {
     "header behind a comment sign": lambda p: rows(
@@ -186,6 +194,26 @@ FORMS: dict[str, Callable[[Trajectory], str]] = {
     "stamps and 4 x 4 matrices, column by column": lambda p: rows(
         seconds(p), matrices_by_columns(p, (0.0, 0.0, 0.0, 1.0)), separator=" "
     ),
+    "a name before the stamp": lambda p: rows(
+        [f"P{k}" for k in range(COUNT)], seconds(p), p.positions, p.quats_xyzw, header="point,t,x,y,z,qx,qy,qz,qw"
+    ),
+    "dates in a column of their own": lambda p: rows(
+        moments(p, "%Y-%m-%d"), moments(p, "%H:%M:%S.%f"), p.positions, p.quats_xyzw, header=f"date,time,{POSE_NAMES}"
+    ),
+    "dates of a German spreadsheet": lambda p: (
+        rows(
+            moments(p, "%d|%m|%Y;%H:%M:%S.%f"),
+            p.positions,
+            p.quats_xyzw,
+            separator=";",
+            header=f"Date;Time;{POSE_NAMES.replace(',', ';')}",
+        )
+        .replace(".", ",")
+        .replace("|", ".")
+    ),
+    "dates with slashes between spaces": lambda p: rows(
+        moments(p, "%Y/%m/%d %H:%M:%S.%f"), p.positions, p.quats_xyzw, separator="  ", header="% GPST x y z qx qy qz qw"
+    ),
     "lines without values": with_nan,
     "a broken line": lambda p: trajectory_text(p, read_as("tum")) + "1700000100.0 1 2",
 }
@@ -204,6 +232,31 @@ def test_each_form_is_read_as_it_was_written(tmp_path: Path, sfr: Sfr, form: str
     assert np.abs((found.quats_xyzw * poses.quats_xyzw).sum(axis=1)) == pytest.approx(1.0, abs=1e-12)
     left_out = {"lines without values": "20 lines without values", "a broken line": "1 invalid line skipped"}
     assert left_out.get(form, "") in done.err
+
+
+HEADERS_OF_POSITIONS = {
+    "Point,Date,Time,E,N,H": "P1,%Y-%m-%d,%H:%M:%S.%f",
+    "Time,Easting,Northing,Altitude": "%Y-%m-%dT%H:%M:%S.%f",
+    "UTC Time,X Position,Y Position,Z Position": "%Y-%m-%d %H:%M:%S.%f",
+    "% GPST,e-baseline(m),n-baseline(m),u-baseline(m)": "%Y/%m/%d %H:%M:%S.%f",
+}
+
+
+@pytest.mark.parametrize("header", HEADERS_OF_POSITIONS)
+def test_positions_at_dates_are_read_by_their_names(tmp_path: Path, header: str) -> None:
+    poses = drive()
+    (tmp_path / "t.csv").write_text(rows(moments(poses, HEADERS_OF_POSITIONS[header]), poses.positions, header=header))
+    found = read_trajectory_file(tmp_path / "t.csv").trajectory
+    assert found.stamps_ns.tolist() == poses.stamps_ns.tolist()
+    assert found.positions.tolist() == poses.positions.tolist()
+
+
+def test_a_heading_in_place_of_a_height_is_found_also_at_dates(tmp_path: Path) -> None:
+    lines = planar_rows(1.0).splitlines()
+    dates = (f"2026-05-04T10:22:{0.1 * k:05.2f},{','.join(line.split(',')[1:])}" for k, line in enumerate(lines))
+    (tmp_path / "t.csv").write_text("t,e,n,h\n" + "\n".join(dates) + "\n")
+    with pytest.raises(InputError, match="the heading of the path in radians"):
+        read_trajectory_file(tmp_path / "t.csv")
 
 
 def test_numbered_matrices_take_the_stamps_of_the_other_side(tmp_path: Path, sfr: Sfr) -> None:
@@ -504,7 +557,7 @@ def test_a_table_that_cannot_be_understood_is_refused_by_what_was_found(tmp_path
 
 
 STILL = np.tile(np.eye(4).reshape(-1), (COUNT, 1))
-UTC = [f"2026-05-04T10:22:{0.1 * number:05.2f}" for number in range(COUNT)]
+MOMENTS = [f"2026-05-04T10:22:{0.1 * number:05.2f}" for number in range(COUNT)]
 ADVISED = {
     "seconds in two columns": lambda p: (
         "# wxyz\n"
@@ -513,7 +566,7 @@ ADVISED = {
     "a height downwards": lambda p: rows(range(COUNT), p.positions, header="t,north,east,down"),
     "a unit of a height downwards": lambda p: "# lengths: mm\n" + rows(seconds(p), p.positions, header="t,n,e,down"),
     "4 x 4 matrices": lambda p: rows(seconds(p), STILL, separator=" "),
-    "dates and a unit": lambda p: "# lengths: mm\n" + rows(UTC, p.positions, header="t,x,y,z"),
+    "dates and a unit": lambda p: "# lengths: mm\n" + rows(MOMENTS, p.positions, header="t,x,y,z"),
     "the scalar first beside covariances": lambda p: rows(
         seconds(p),
         level_path(30.0).positions,

@@ -228,6 +228,28 @@ def test_two_runs_of_the_same_time_in_one_table_are_refused(
         read_trajectory_file(tmp_path / "t.txt")
 
 
+@pytest.mark.parametrize(("period_s", "begin_s"), [(0.1, 0.05), (0.3, 0.02)])
+def test_two_bodies_with_stamps_of_their_own_are_refused(tmp_path: Path, period_s: float, begin_s: float) -> None:
+    of_first, of_second = np.arange(0.0, 20.0, 0.1), np.arange(begin_s, 20.0, period_s)
+    rows = [(s, f"{s:.3f},A,{s},0,0") for s in of_first] + [(s, f"{s:.3f},B,{s},3,0") for s in of_second]
+    (tmp_path / "t.csv").write_text("t,name,x,y,z\n" + "\n".join(row for _, row in sorted(rows)) + "\n")
+    with pytest.raises(InputError, match="typically 3 m away: the poses of one body are required"):
+        read_trajectory_file(tmp_path / "t.csv")
+
+
+@pytest.mark.parametrize("case", ["noise", "rounded noise", "spikes"])
+def test_noise_and_few_spikes_are_no_second_body(tmp_path: Path, case: str) -> None:
+    rng = np.random.default_rng(2)
+    positions = rng.normal(0.0, 0.05, (300, 2)) if "noise" in case else np.column_stack((np.arange(300), np.zeros(300)))
+    if case == "rounded noise":
+        positions = np.round(positions, 1)
+    if case == "spikes":
+        positions[::12, 1] = 20.0
+    rows = "".join(f"{0.1 * k:.1f},{x},{y},0\n" for k, (x, y) in enumerate(positions.tolist()))
+    (tmp_path / "t.csv").write_text(f"t,x,y,z\n{rows}")
+    assert len(read_trajectory_file(tmp_path / "t.csv").trajectory) == 300
+
+
 @pytest.mark.parametrize("form", ["{:g}", "{:.0f}"])
 def test_stamps_with_too_few_digits_are_refused(tmp_path: Path, form: str) -> None:
     stamps_s = 1_700_000_000.0 + np.arange(0.0, 20.0, 0.1)
