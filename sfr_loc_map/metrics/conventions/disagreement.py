@@ -54,7 +54,7 @@ class ComparedPoses(NamedTuple):
         """Return the disagreement `(M,)` of each sub-trajectory of poses of the frames."""
         if self.has_attitudes:
             return disagreements(true, found)
-        return disagreements_of_positions(true[0][None], found[0], has_height=self.truth.has_height)[0]
+        return np.asarray(disagreements_of_positions(true[0][None], found[0], has_height=self.truth.has_height)[0])
 
     @property
     def found(self) -> PoseArrays:
