@@ -267,27 +267,28 @@ def plan(
 
 @group.command(epilog=examples("sfr suite history nights/* --html history.html"))
 def history(
-    folders: Annotated[list[Path], Argument(metavar="DIR", help="Folders of suites in chronological order.")],
+    folders: Annotated[
+        list[Path], Argument(metavar="DIR", help="Folders of suites in chronological order, one for each night.")
+    ],
     json_path: JsonOption = None,
     html: HtmlOption = None,
     overwrite: OverwriteOption = False,
     lenient: LenientOption = False,
 ) -> None:
-    """Find the runs of a suite and the drives whose figures changed; exit code 1 if a figure became and stayed worse.
+    """Find the nights and the drives in which figures of a suite changed; a night is one run of the suite.
 
-    A planned job without a result in the last run counts as worse. Exit code 3 if no figure could be tested.
+    The exit code is 1 if a figure became and stayed worse, or if a planned job has no result in the last night. The
+    exit code is 3 if no figure could be tested.
     """
     from sfr_loc_map.suite.history.history import find_changes
-    from sfr_loc_map.suite.history.night import Night, check_order
+    from sfr_loc_map.suite.history.night import read_nights
     from sfr_loc_map.suite.pages.page import render_history
     from sfr_loc_map.suite.pages.tables import history_table
 
-    propose("sfr report A B", why="compares two of these runs in full")
+    propose("sfr report A B", why="compares two of these nights in full")
     check_suffix(html, HTML_SUFFIXES)
     claim_outputs(json_path, html, inputs=folders, overwrite=overwrite)
-    nights = [Night.read(folder) for folder in folders]
-    check_order(nights)
-    result = find_changes(nights)
+    result = find_changes(read_nights(folders))
     if html is not None:
         with secondary_output():
             write_text(render_history(result), html)
@@ -295,12 +296,12 @@ def history(
     for change in result.worse:
         say(change.text, err=True)
     for label in result.without_result:
-        say(one_line(f"no result in the last run of the suite: {label}"), err=True)
+        say(one_line(f"no result in the last night: {label}"), err=True)
     failures = []
     if result.worse:
         failures.append(f"figures that got worse and did not recover: {len({item.figure for item in result.worse})}")
     if result.without_result:
-        failures.append(f"jobs without a result in the last run of the suite: {len(result.without_result)}")
+        failures.append(f"jobs without a result in the last night: {len(result.without_result)}")
     if failures:
         raise FailedVerdictError(f"{'; '.join(failures)}; the messages above name them")
     not_judged([result.shortage] if result.shortage else [], lenient=lenient)

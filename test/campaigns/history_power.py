@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sfr_loc_map.suite.history.history import FALSE_ALARM_RATE
-from sfr_loc_map.suite.history.night_changes import changes_of
-from sfr_loc_map.suite.history.night_comparison import SCALES
+from sfr_loc_map.suite.history.scales import SCALES
+from sfr_loc_map.suite.history.shifts import find_shifts
 from sfr_loc_map.suite.statistics.figures import ComparedKind
 
 DRIVES = 45
@@ -128,8 +128,12 @@ def main(arguments: list[str]) -> int:
         nights["none" if apply is None else "changed"] += length
         for name, values in history.items():
             scale = SCALES[ComparedKind.ACCURACY if name in ERRORS else ComparedKind(name)]
-            for found in changes_of(scale.apply(values), scale, FALSE_ALARM_RATE / len(history)):
-                if name in changed and found.detected >= night and not any(item[0] < found.detected for item in first):
+            before = None
+            for found in find_shifts(scale.apply(values), scale, FALSE_ALARM_RATE / len(history)):
+                detected = found.nights.after.stop - 1
+                is_return = before is not None and found.nights.before == before.nights.after
+                before = found
+                if name in changed and detected >= night and not any(item[0] < detected for item in first):
                     true = {"three drives 5 times worse": 3, "one drive 10 times worse": 1}.get(
                         kind, 15 if name == ComparedKind.FAILED else DRIVES
                     )
@@ -137,8 +141,8 @@ def main(arguments: list[str]) -> int:
                     right = (
                         len(named & set(range(true))) >= 0.8 * true and len(named - set(range(true))) <= 1 + 0.1 * true
                     )
-                    first.append((found.detected, found.night == night, right))
-                elif not found.is_return and (name not in changed or found.detected < night):
+                    first.append((detected, found.night == night, right))
+                elif not is_return and (name not in changed or detected < night):
                     wrong["none" if apply is None else "changed"] += 1
                     by_figure[str(name)] += 1
         if first:

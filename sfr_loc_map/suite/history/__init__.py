@@ -1,7 +1,8 @@
-"""Changes of the figures of a suite over many nights: each night is one run of the suite.
+"""Changes of the figures of a suite from night to night. A night is one run of the suite, in a folder of its own.
 
-night.py             reads `suite.json` of each night
-history.py           finds the changes of each figure: History
-night_changes.py     compares each night of a figure with the nights before
-night_comparison.py  makes one comparison, over all jobs and for each job
+    folders ── night.read_nights ──> Night... ── history.find_changes ──> History with each Change
+                                                   │ for each figure, its values (job, night)
+                                                   └─ shifts.find_shifts ──> Shift...
+
+`scales.py` defines on which scale, such as the logarithm, each kind of figure is compared.
 """

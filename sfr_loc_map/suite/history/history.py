@@ -1,12 +1,11 @@
-"""Detect changes of a suite's figures from night to night (docs/decisions/0008-history.md).
+"""Changes of a suite's figures from night to night (docs/decisions/0008-history.md).
 
-A night is one run of the suite. The last night and the mean of the last four nights are compared with up to 30
-reference nights. For slow changes, the mean is also compared with the first nights since the last change. The shift of
-a figure of a job is its value minus its mean over the reference nights, on the scale of the figure (`SCALES`). On a
-logarithmic scale, a shift is a ratio. The shifts are also averaged over all jobs, so that a small change that is common
-to all jobs is detected. Each shift has a prediction interval of Student's t from the scatter of the reference nights. A
-change is reported if the interval excludes a shift of 0. The level of the intervals is divided by the number of shifts
-of a night (Bonferroni), so that without a change at most one night in 365 raises an alarm.
+The shift of a figure of a job is its mean over the last nights minus its mean over reference nights, on the scale of
+the figure (`scales.py`). On a logarithmic scale, a shift is a ratio. The shifts are also averaged over all jobs, so
+that a small change that is common to all jobs is detected. Each shift has a prediction interval of Student's t from the
+scatter of the reference nights (`shifts.py`). A change is reported if the interval excludes a shift of 0. The level of
+the intervals is divided by the number of shifts of a night (Bonferroni), so that without a change at most one night in
+365 raises an alarm.
 
 A job is a source with its task, faults, configuration and repeat, which each night runs again.
 """
@@ -15,7 +14,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from operator import attrgetter, itemgetter
 
 import numpy as np
@@ -25,13 +24,13 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.comparison import Outcome
 from sfr_loc_map.metrics.statistics.intervals import Interval
 from sfr_loc_map.metrics.stored.score_json import to_plain
-from sfr_loc_map.suite.history.night import Night
-from sfr_loc_map.suite.history.night_changes import FoundChange, changes_of
-from sfr_loc_map.suite.history.night_comparison import (
+from sfr_loc_map.suite.history.night import Night, NightJob
+from sfr_loc_map.suite.history.scales import SCALES, Scale
+from sfr_loc_map.suite.history.shifts import (
     MIN_JOBS_OF_SCATTER,
     MIN_REFERENCE,
-    SCALES,
-    Scale,
+    Shift,
+    find_shifts,
     is_last_night_tested,
     known_mean,
 )
@@ -114,7 +113,7 @@ class History:
         if self.tested:
             return ""
         return (
-            f"no figure of the last run could be tested: {MIN_REFERENCE} earlier runs with the figure are "
+            f"no figure of the last night could be tested: {MIN_REFERENCE} earlier nights with the figure are "
             f"required, or {MIN_JOBS_OF_SCATTER} jobs if the figure does not depend on the host"
         )
 
@@ -131,7 +130,7 @@ class History:
     def to_dict(self) -> dict[str, object]:
         """Return the history as JSON values."""
         changes = [to_plain(change) | {"command": change.command} for change in self.changes]
-        return {"schema": "sfr-history/4", **to_plain(replace(self, changes=())), "changes": changes}
+        return {"schema": "sfr-history/4", **to_plain(self), "changes": changes}
 
 
 def find_changes(nights: Sequence[Night]) -> History:
@@ -141,27 +140,27 @@ def find_changes(nights: Sequence[Night]) -> History:
     """
     if len(nights) < 2:
         raise MetricsError(f"a history requires at least two suites, found {len(nights)}: give several folders")
-    if have_one_configuration(night.labels for night in nights):
+    if have_one_configuration(night.jobs for night in nights):
         nights = [night.without_configurations() for night in nights]
-    keys = list(dict.fromkeys(key for night in nights for key in night.labels))
-    if not keys:
+    latest = {key: job for night in nights for key, job in night.jobs.items()}
+    if not latest:
         raise InputError(f"none of the {len(nights)} suites has a result: give folders of finished suites")
-    tables = _figure_tables(nights, keys)
+    tables = _figure_tables(nights, [*latest])
     changes: list[tuple[int, Change]] = []  # with the number of the night
     series = {}
     tested = 0
     for figure, table in tables.items():
         scale = SCALES[figure.kind]
         has_figure = np.asarray(np.isfinite(table).any(axis=1))
-        jobs = [key for key, has in zip(keys, has_figure, strict=True) if has]
+        jobs = [job for job, has in zip(latest.values(), has_figure, strict=True) if has]
         values = table[has_figure]
         x = scale.apply(values)
         series[figure.name] = _means_of_nights(values, scale)
         if figure != WITHOUT_RESULT and is_last_night_tested(x, scale):
             tested += 1
-        for found in changes_of(x, scale, FALSE_ALARM_RATE / len(tables)):
-            changed = [jobs[index] for index in found.jobs]
-            changes.append((found.night, _described_change(found, values, figure, nights, changed)))
+        for shift in find_shifts(x, scale, FALSE_ALARM_RATE / len(tables)):
+            shifted = [jobs[index] for index in shift.jobs]
+            changes.append((shift.night, _change(shift, values, figure, nights, shifted)))
     return History(
         nights=tuple(night.name for night in nights),
         commits=tuple(night.commit for night in nights),
@@ -188,39 +187,40 @@ def _figure_tables(nights: Sequence[Night], keys: Sequence[PairKey]) -> dict[Com
     The further figure `WITHOUT_RESULT` is 1 in a night without a result of a job, 0 with a result, and missing before
     the first night that plans the job. The name of a figure is that of the last night with the figure.
     """
-    latest = {figure: figure for night in nights for figures in night.figures.values() for figure in figures}
+    found = [
+        {key: job.figures for key, job in night.jobs.items() if job.figures is not None} for night in nights
+    ]  # by job, for each night
+    latest = {figure: figure for results in found for figures in results.values() for figure in figures}
     tables = {
-        figure: np.array([[night.figures.get(key, {}).get(figure, np.nan) for night in nights] for key in keys])
+        figure: np.array([[results.get(key, {}).get(figure, np.nan) for results in found] for key in keys])
         for figure in sorted(latest.values(), key=attrgetter("kind", "name"))
     }
-    has_result = np.array([[key in night.figures for night in nights] for key in keys])
-    is_planned = np.array([[key in night.labels for night in nights] for key in keys])
+    has_result = np.array([[key in results for results in found] for key in keys])
+    is_planned = np.array([[key in night.jobs for night in nights] for key in keys])
     since_planned = np.maximum.accumulate(is_planned, axis=1)
     tables[WITHOUT_RESULT] = np.where(since_planned, 1.0 - has_result, np.nan)
     return tables
 
 
-def _described_change(
-    found: FoundChange, values: FloatArray, figure: ComparedFigure, nights: Sequence[Night], jobs: Sequence[PairKey]
+def _change(
+    shift: Shift, values: FloatArray, figure: ComparedFigure, nights: Sequence[Night], jobs: Sequence[NightJob]
 ) -> Change:
-    """Return a change of a figure `(job, night)` in its unit, with the labels and paths of the changed jobs.
+    """Return a shift of the values `(job, night)` of a figure as a change in the unit of the figure.
 
-    A job has the label and the path of the last night that contains the job.
+    `jobs` are the shifted jobs, each as in the last night that contains the job.
     """
-    labels = {key: label for night in nights for key, label in night.labels.items()}
-    paths = {key: path for night in nights for key, path in night.paths.items()}
     undo = SCALES[figure.kind].undo
     is_nees = figure.kind is ComparedKind.NEES
-    is_worse = abs(found.after) > abs(found.before) if is_nees else found.after > found.before
+    is_worse = abs(shift.after) > abs(shift.before) if is_nees else shift.after > shift.before
     ci95 = None
     if undo is None:
-        before = _mean_in(values[list(found.jobs)], found.nights_before)
-        after = _mean_in(values[list(found.jobs)], found.nights_after)
+        shifted = values[list(shift.jobs)]
+        before, after = _mean_in(shifted[:, shift.nights.before]), _mean_in(shifted[:, shift.nights.after])
     else:
-        before, after = undo(found.before), undo(found.after)
-        low, high = undo(found.after - found.half_width), undo(found.after + found.half_width)
+        before, after = undo(shift.before), undo(shift.after)
+        low, high = undo(shift.after - shift.half_width), undo(shift.after + shift.half_width)
         ci95 = (low / before, high / before) if before > 0.0 else None
-    last, first = nights[found.last_before], nights[found.night]
+    last, first = nights[shift.last_before], nights[shift.night]
     return Change(
         night=first.name,
         before_night=last.name,
@@ -228,18 +228,17 @@ def _described_change(
         kind=figure.kind,
         figure=figure.name,
         outcome=Outcome.WORSE if is_worse else Outcome.BETTER,
-        jobs=tuple(labels[job] for job in jobs),
-        paths=tuple(dict.fromkeys(paths[job] for job in jobs)),
-        of=found.of,
+        jobs=tuple(job.label for job in jobs),
+        paths=tuple(dict.fromkeys(job.path for job in jobs)),
+        of=shift.of,
         before=before,
         after=after,
         ratio=after / before if before > 0.0 else None,
         ci95=ci95,
-        is_slow=found.is_slow,
+        is_slow=shift.nights.is_slow,
     )
 
 
-def _mean_in(values: FloatArray, nights: tuple[int, int]) -> float:
-    """Return the mean over jobs and an interval of nights of values `(job, night)`, first over the nights of a job."""
-    first, end = nights
-    return float(known_mean(known_mean(values[:, first:end].T)))
+def _mean_in(values: FloatArray) -> float:
+    """Return the mean over jobs of values `(job, night)`, first over the nights of a job."""
+    return float(known_mean(known_mean(values.T)))

@@ -95,7 +95,7 @@ def first_position(figures: tuple[Figure, ...]) -> Figure | None:
 def render_history(history: History) -> str:
     """Return the page of a history as HTML."""
     worse = [change.text for change in history.worse]
-    worse += [f"{label} has no result in the last run of the suite" for label in history.without_result]
+    worse += [f"{label} has no result in the last night" for label in history.without_result]
     heading, text = "worse", "; ".join(worse)  # not a verdict, because no limit is judged
     if not worse and history.shortage:
         heading, text = "not judged", history.shortage

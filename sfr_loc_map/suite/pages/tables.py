@@ -17,7 +17,7 @@ from sfr_loc_map.metrics.figures.subjects import Scope, Subject
 from sfr_loc_map.metrics.score.verdict import counts_of
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_cell
 from sfr_loc_map.suite.history.history import Change, History
-from sfr_loc_map.suite.history.night_comparison import MIN_REFERENCE
+from sfr_loc_map.suite.history.shifts import MIN_REFERENCE
 from sfr_loc_map.suite.jobs.job import SHORT_KEY
 from sfr_loc_map.suite.jobs.job_outcome import WorkerRecord
 from sfr_loc_map.suite.statistics.budget import Budget, BudgetRow, row_with_fraction
@@ -474,13 +474,13 @@ HISTORY: tuple[RowColumn[Change], ...] = (
 def history_table(history: History) -> Table:
     """Return the table of a history: every change of a figure."""
     note = (
-        f"Runs of the suite (nights): {len(history.nights)}. Before and after: means over the named jobs. Without "
+        f"Nights (runs of the suite): {len(history.nights)}. Before and after: means over the named jobs. Without "
         f"changes, at most one night in {1.0 / history.false_alarm_rate:g} gives an alarm."
     )
     if len(history.nights) <= MIN_REFERENCE:
         note += f" With fewer than {MIN_REFERENCE + 1} nights, only changes of most jobs are detected."
     if history.without_result:
-        note += f" Jobs of the last run without a result: {', '.join(history.without_result)}."
+        note += f" Jobs of the last night without a result: {', '.join(history.without_result)}."
     if history.shortage:
         note += f" Not judged: {history.shortage}."
     title = "No figure changed" if history.tested and not history.changes else "Changes"

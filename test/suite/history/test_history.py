@@ -15,9 +15,9 @@ from sfr_loc_map.errors import InputError, MetricsError
 from sfr_loc_map.metrics.comparison import Outcome
 from sfr_loc_map.metrics.stored.score_json import json_line, to_plain
 from sfr_loc_map.suite.history.history import FALSE_ALARM_RATE, Change, History, find_changes
-from sfr_loc_map.suite.history.night import Night
-from sfr_loc_map.suite.history.night_changes import changes_of
-from sfr_loc_map.suite.history.night_comparison import SCALES, compare_nights
+from sfr_loc_map.suite.history.night import Night, NightJob, read_nights
+from sfr_loc_map.suite.history.scales import SCALES
+from sfr_loc_map.suite.history.shifts import Compared, compare, find_shifts
 from sfr_loc_map.suite.jobs.job import PairKey
 from sfr_loc_map.suite.pages.page import render_history
 from sfr_loc_map.suite.statistics.figures import ComparedFigure, ComparedKind
@@ -54,8 +54,9 @@ def found(tables: dict[ComparedKind, np.ndarray], gone: tuple[int, int] | None =
             PairKey(key, ""): {FIGURES[kind]: float(x[DRIVES.index(key), night]) for kind, x in tables.items()}
             for key in there
         }
-        labels = {PairKey(key, ""): key for key in DRIVES}
-        made.append(Night(f"night {night}", f"commit{night}", labels, labels, figures))
+        keys = {key: PairKey(key, "") for key in DRIVES}
+        jobs = {key: NightJob(name, name, figures.get(key)) for name, key in keys.items()}
+        made.append(Night(f"night {night}", f"commit{night}", jobs))
     return find_changes(made)
 
 
@@ -122,8 +123,9 @@ def test_a_missing_result_of_a_drive_does_not_date_a_change() -> None:
     x = np.random.default_rng(0).normal([[0.0], [5.0]], 0.02, (2, 20))
     x[:, CHANGED_NIGHT:] += 0.26
     x[0, CHANGED_NIGHT + 2] = np.nan
-    (change,) = changes_of(x, SCALES[ACCURACY], FALSE_ALARM_RATE)
-    assert (change.night, change.last_before, change.window) == (CHANGED_NIGHT, CHANGED_NIGHT - 1, 4)
+    (shift,) = find_shifts(x, SCALES[ACCURACY], FALSE_ALARM_RATE)
+    assert (shift.night, shift.last_before) == (CHANGED_NIGHT, CHANGED_NIGHT - 1)
+    assert shift.nights.after == slice(CHANGED_NIGHT, CHANGED_NIGHT + 4)
 
 
 @pytest.mark.parametrize("night", [CHANGED_NIGHT + 1, CHANGED_NIGHT + 2])
@@ -184,9 +186,9 @@ def test_a_small_change_that_persists_does_not_return() -> None:
         rng = np.random.default_rng([seed, 20])
         x = rng.normal(0.0, 0.08, (20, 36)) + rng.normal(0.0, 0.03, 36)
         x[:, 30:] += 0.15
-        changes = [change for change in changes_of(x, SCALES[ACCURACY], FALSE_ALARM_RATE) if change.night >= 28]
-        assert changes
-        assert not any(change.is_return for change in changes)
+        shifts = [shift for shift in find_shifts(x, SCALES[ACCURACY], FALSE_ALARM_RATE) if shift.night >= 28]
+        assert shifts
+        assert all(shift.after > shift.before for shift in shifts), "a return lowers the figure"
 
 
 def test_a_change_in_a_step_is_not_slow() -> None:
@@ -225,8 +227,10 @@ def test_false_alarms_do_not_grow_with_the_history() -> None:
     for seed in range(4):
         rng = np.random.default_rng([7, seed])
         x = rng.standard_t(5, (20, 200)) * 0.1 + rng.normal(0.0, 0.05, 200)
-        for change in changes_of(x, SCALES[ACCURACY], 0.05):
-            alarms[change.night // 100] += not change.is_return
+        shifts = find_shifts(x, SCALES[ACCURACY], 0.05)
+        for before, shift in zip((None, *shifts), shifts, strict=False):
+            is_return = before is not None and shift.nights.before == before.nights.after
+            alarms[shift.night // 100] += not is_return
     assert alarms.max() <= 5
 
 
@@ -236,7 +240,8 @@ def test_an_alarm_of_one_night_has_the_stated_rate() -> None:
     alarms = 0
     for _ in range(runs):
         x = rng.normal(0.0, 0.2, (10, 9))
-        alarms += compare_nights(x[:, :8], x[:, 8:], SCALES[ACCURACY], rate) is not None
+        nights = Compared(slice(8), slice(8, 9))
+        alarms += compare(x, nights, SCALES[ACCURACY], rate / nights.share) is not None
     assert 0.01 * runs < alarms < rate * runs + 3 * np.sqrt(rate * runs)
 
 
@@ -247,7 +252,7 @@ def test_few_nights_are_judged_by_the_scatter_of_drives() -> None:
     (change,) = found(tables).worse
     assert (change.kind, change.night) == (ComparedKind.ACCURACY, "night 2"), "two hosts may differ in speed"
     with pytest.raises(MetricsError, match="two suites"):
-        find_changes([Night("a", None, {}, {}, {})])
+        find_changes([Night("a", None, {})])
 
 
 def written(folder: Path, commits: list[str], tables: dict[ComparedKind, np.ndarray]) -> list[Path]:
@@ -273,8 +278,8 @@ def test_a_night_with_other_configurations_loses_no_drive(names: list[str]) -> N
     value = {FIGURES[ACCURACY]: 0.01}
     made = []
     for night in range(20):
-        labels = {PairKey(key, name): key for key in keys for name in (names if night > 12 else ["default"])}
-        made.append(Night(f"night {night}", None, labels, labels, dict.fromkeys(labels, value)))
+        in_night = [PairKey(key, name) for key in keys for name in (names if night > 12 else ["default"])]
+        made.append(Night(f"night {night}", None, {key: NightJob("job", "path", value) for key in in_night}))
     assert not find_changes(made).changes
 
 
@@ -302,7 +307,7 @@ def test_an_edited_night_is_read_or_refused(tmp_path: Path) -> None:
     for edited in mutations(content):
         path.write_text(json.dumps(edited))
         try:
-            result = find_changes([Night.read(first), Night.read(last)])
+            result = find_changes(read_nights([first, last]))
         except (InputError, MetricsError):
             refused += 1
         else:
@@ -317,7 +322,7 @@ def test_a_figure_that_is_no_number_of_at_least_0_is_refused(tmp_path: Path, val
     path = folder / "suite.json"
     path.write_text(path.read_text().replace("0.125", value))
     with pytest.raises(InputError, match="cannot read the figures of"):
-        Night.read(folder)
+        read_nights([folder])
 
 
 def test_a_history_without_a_test_is_not_judged(sfr: Sfr, tmp_path: Path) -> None:
@@ -379,6 +384,6 @@ def test_a_figure_with_a_former_name_is_the_same_figure(tmp_path: Path) -> None:
         content["results"][0]["figures"][0][1] = figure.name
         content["compared_figures"] = [to_plain(figure)]
         (folder / "suite.json").write_text(json.dumps(content))
-    figures = find_changes([Night.read(folder) for folder in folders]).figures
+    figures = find_changes(read_nights(folders)).figures
     assert figures[NAMES[ACCURACY]] == pytest.approx((0.5, 0.25))
     assert len(figures) == 2, "the other figure is the fraction of jobs without a result"
