@@ -48,10 +48,6 @@ LAYERS = {
         "A score with its provenance from files, memory or topics",
     ),
     "doctor": ("configuration geometry io source_setup", "The issues of an observed recording or graph"),
-    "evidence": (
-        "calls configuration faults geometry io kernels localisation mapping metrics runs tables",
-        "The consistency of runs that should agree, without a ground truth",
-    ),
     "nodes": (
         "calls configuration geometry io kernels localisation mapping metrics ros scoring",
         "The three nodes, from a message to a result, and their processes",
@@ -70,9 +66,13 @@ LAYERS = {
         "Benchmarks, one drive after the other",
     ),
     "suite": (
-        "calls configuration evidence faults geometry io localisation mapping methods metrics report runs "
-        "scoring simulation tables",
+        "calls configuration faults geometry io localisation mapping methods metrics report runs scoring "
+        "simulation tables",
         "Many runs on Dask, and their pooled results",
+    ),
+    "evidence": (
+        "calls configuration faults geometry io kernels localisation mapping metrics report runs suite tables",
+        "What supports a verdict: the check without a ground truth, and the evidence of a test report",
     ),
     "cli": (
         "bench calls configuration doctor evidence faults geometry graph io live localisation mapping methods "

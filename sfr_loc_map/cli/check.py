@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
+from msgspec.structs import replace
 from typer import Context, Option
 
 from sfr_loc_map.cli.app import app, command_line, examples
@@ -76,7 +76,8 @@ def check(
             f"'--estimate' is given {len(estimate or ())} times: at most {MAX_ESTIMATES} estimates can be compared "
             "with the run of the built-in localiser"
         )
-    others = read_estimates(estimate or ())
+    names = names_of_estimates(estimate or ())
+    others = read_estimates(names)
     conditions = list(dict.fromkeys(Condition.parse(text) for text in condition or CONDITIONS))
     opened = open_source(source, source_config)
     if not has_drive_to_check(opened):
@@ -87,7 +88,7 @@ def check(
         "check.conditions": [item.setting for item in conditions],
         "check.pairs": pairs,
     }
-    named = {name: path for path, name in names_of_estimates(estimate or ()).items()}
+    named = {name: path for path, name in names.items()}
     made = provenance_of_source(opened, named, command_line(), settings)
     with naming(source), progress_bar("pairs") as bar:
         task = bar.add_task("checking", total=calls_of_check(opened, pairs))
@@ -97,12 +98,12 @@ def check(
     found = replace(found, provenance=made)
     show(found.to_dict(), json_path, check_tables(found.figures, found.advice))
     is_silent = json_path == STANDARD_OUTPUT
-    for subject, item in found.checks.items():
-        covered = f"{item.pairs} of {item.pairs_of_source} pairs"
-        checked = f"{covered}; {found.checked[subject]} comparisons have enough data"
+    for subject, count in found.pairs.items():
+        covered = f"{count} of {found.pairs_of_source[subject]} pairs"
+        checked = f"{found.checked[subject]} comparisons have enough data"
         say(
-            f"{subject}: {item.result} ({checked}). The result proves no accuracy, because errors that all runs share "
-            "are not observable",
+            f"{subject}: {found.results[subject]} ({covered}; {checked}). The result proves no accuracy, because "
+            "errors that all runs share are not observable",
             err=is_silent,
         )
     for text in found.calibration:

@@ -263,8 +263,8 @@ def _write_documents(
     `heading` has the title, the number and the issue of the test report. The evidence is read before a file is written,
     because invalid evidence is refused.
     """
+    from sfr_loc_map.evidence.report_evidence import read_evidence
     from sfr_loc_map.report.test_report import render_test_report
-    from sfr_loc_map.suite.pages.evidence_files import read_evidence
 
     found = read_evidence(evidence)
     in_order = list(scores.values())

@@ -12,44 +12,32 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import gammaincc
 
 from sfr_loc_map.evidence.localiser_runs import AT_REVISITED_PLACES, ComparedRun, name_of_comparison
-from sfr_loc_map.evidence.paired_runs import SPACING, paired, spans_of
+from sfr_loc_map.evidence.paired_runs import count_without_overlap, paired, sub_trajectories_of
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.figures.catalogue import REVISITED_PLACES
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row, nees_row
-from sfr_loc_map.metrics.trajectory.consistency import without_overlap
-from sfr_loc_map.metrics.trajectory.trajectory_errors import select
 
 MIN_SUB_TRAJECTORIES = 3  #: Minimum number of sub-trajectories that do not overlap.
 DEGREES = 6  #: Degrees of freedom of a pose error.
 
 
-class Differences(NamedTuple):
-    """Differences of two runs over sub-trajectories, and their normalised squares where covariances are known."""
-
-    position_m: FloatArray  #: `(n, 3)`
-    attitude_deg: FloatArray  #: `(n,)`
-    squares: FloatArray  #: `(m,)` of sub-trajectories that do not overlap.
-    lengths_m: FloatArray  #: `(n, 2)` straight-line distances of both runs.
-    independent: int  #: Number of sub-trajectories that do not overlap.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Agreement:
-    """The comparison of two runs over one condition."""
+    """The differences of two runs over the sub-trajectories of one condition, or at revisited places."""
 
     runs: tuple[str, str]  #: Names of the runs.
     condition: str | None  #: Condition of the sub-trajectories; None at revisited places.
-    differences: Differences
-    #: Probability of squares at least this large for consistent covariances; None for too few squares.
-    probability: float | None
+    position_m: FloatArray  #: `(n, 3)` differences of the positions.
+    attitude_deg: FloatArray  #: `(n,)` differences of the attitudes.
+    squares: FloatArray  #: `(m,)` normalised squares where covariances are known, of independent sub-trajectories.
+    independent: int  #: Number of sub-trajectories that do not overlap, or of revisited places.
 
     @property
     def name(self) -> str:
@@ -66,6 +54,17 @@ class Agreement:
         """What the differences are computed over, in words."""
         return REVISITED_PLACES if self.is_of_revisited_places else self.condition or ""
 
+    @property
+    def probability(self) -> float | None:
+        """Probability of squares at least this large for consistent covariances; None for too few squares.
+
+        One revisited place suffices, because the distribution of its NEES is known.
+        """
+        count = len(self.squares)
+        if count < (1 if self.is_of_revisited_places else MIN_SUB_TRAJECTORIES):
+            return None
+        return float(gammaincc(0.5 * DEGREES * count, 0.5 * float(self.squares.sum())))
+
 
 def compare(first: ComparedRun, other: ComparedRun, condition: Condition) -> Agreement:
     """Return the comparison of two runs over the sub-trajectories of a condition; the first run is not backward.
@@ -73,29 +72,16 @@ def compare(first: ComparedRun, other: ComparedRun, condition: Condition) -> Agr
     The path of the first run determines where the sub-trajectories start and end.
     """
     runs = paired(first, other)
-    path = runs.ours.poses
-    starts, ends = select(condition, SPACING, path, formulas.path_length_m(path.position))
+    starts, ends = sub_trajectories_of(runs.ours.poses, condition)
     errors = runs.errors(starts, ends)
-    squares = np.array(runs.squares(starts, ends))
-    moves = [run.poses.position[ends] - run.poses.position[starts] for run in runs]
-    differences = Differences(
-        position_m=errors[:, :3],
-        attitude_deg=np.degrees(np.linalg.norm(errors[:, 3:], axis=1)),
-        squares=squares,
-        lengths_m=np.stack([np.linalg.norm(move, axis=1) for move in moves], axis=1),
-        independent=len(list(without_overlap(spans_of(starts, ends)))),
-    )
     return Agreement(
         runs=(first.name, other.name),
         condition=condition.setting,
-        differences=differences,
-        probability=probability_of(squares) if len(squares) >= MIN_SUB_TRAJECTORIES else None,
+        position_m=errors[:, :3],
+        attitude_deg=np.degrees(np.linalg.norm(errors[:, 3:], axis=1)),
+        squares=np.array(runs.squares(starts, ends)),
+        independent=count_without_overlap(starts, ends),
     )
-
-
-def probability_of(squares: FloatArray) -> float:
-    """Return the probability that the sum of independent normalised squares is at least this large."""
-    return float(gammaincc(0.5 * DEGREES * len(squares), 0.5 * float(squares.sum())))
 
 
 # ---- explanations and figures
@@ -104,7 +90,7 @@ def probability_of(squares: FloatArray) -> float:
 def shortage_of(agreements: Sequence[Agreement]) -> str:
     """Return why no comparison has enough data."""
     is_revisited = any(item.is_of_revisited_places for item in agreements)
-    most = max((item.differences.independent for item in agreements), default=0)
+    most = max((item.independent for item in agreements), default=0)
     if not is_revisited and most < MIN_SUB_TRAJECTORIES:
         return "fewer than three sub-trajectories and no revisited place: give a shorter --condition"
     return (
@@ -127,15 +113,14 @@ def disagreement_of(agreements: Sequence[Agreement]) -> str:
 
 def agreement_rows(agreement: Agreement) -> list[Figure]:
     """Return the figures of a comparison as rows of the table of figures."""
-    differences = agreement.differences
     where = (agreement.condition, agreement.name)
-    position = formulas.statistics(differences.position_m)
-    attitude = formulas.statistics(differences.attitude_deg)
+    position = formulas.statistics(agreement.position_m)
+    attitude = formulas.statistics(agreement.attitude_deg)
     least = None if position.rmse is None else 0.5 * position.rmse
     return [
         figure_row("difference", *where, statistics=position),
         figure_row("attitude_difference", *where, statistics=attitude),
-        nees_row("difference_nees", differences.squares, DEGREES, *where),
+        nees_row("difference_nees", agreement.squares, DEGREES, *where),
         figure_row("error_at_least", *where, n=position.n, value=least),
-        figure_row("agreement", *where, n=len(differences.squares), value=agreement.probability),
+        figure_row("agreement", *where, n=len(agreement.squares), value=agreement.probability),
     ]

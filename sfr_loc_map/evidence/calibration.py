@@ -39,19 +39,6 @@ class Advice(StrEnum):
     UNCLEAR = "unclear"  #: The runs disagree on whether the offset is large, or a yaw is insignificant or small.
 
 
-def advice_of(angle: str, px: float, low_px: float, high_px: float) -> Advice:
-    """Return the advice for the mean offset of the runs, px, and their lowest and highest offset.
-
-    The localiser reports a yaw of 0 until the yaw is significant, so a small yaw does not prove that the file is
-    correct.
-    """
-    if low_px * high_px > 0.0 and abs(px) >= LARGE_PX:
-        return Advice.REDO
-    if angle == "yaw":
-        return Advice.UNCLEAR
-    return Advice.KEEP if max(-low_px, high_px) < LARGE_PX else Advice.UNCLEAR
-
-
 class CameraOffset(NamedTuple):
     """Offset of the right camera about one axis."""
 
@@ -61,12 +48,20 @@ class CameraOffset(NamedTuple):
     low_px: float  #: Lowest value of a run.
     high_px: float  #: Highest value of a run.
     degrees: float
-    depth_error_m: float | None  #: Depth error at RANGE_M with the calibration file; None if no yaw is wrong.
+    depth_error_m: float | None = None  #: Depth error at RANGE_M with the calibration file; None if no yaw is wrong.
 
     @property
     def advice(self) -> Advice:
-        """Recommended action for the calibration file."""
-        return advice_of(self.angle, self.px, self.low_px, self.high_px)
+        """Recommended action for the calibration file.
+
+        The localiser reports a yaw of 0 until the yaw is significant, so a small yaw does not prove that the file is
+        correct.
+        """
+        if self.low_px * self.high_px > 0.0 and abs(self.px) >= LARGE_PX:
+            return Advice.REDO
+        if self.angle == "yaw":
+            return Advice.UNCLEAR
+        return Advice.KEEP if max(-self.low_px, self.high_px) < LARGE_PX else Advice.UNCLEAR
 
     @property
     def is_wrong(self) -> bool:
@@ -91,10 +86,11 @@ def right_camera_offsets(runs: Sequence[ComparedRun], rig: StereoRig) -> list[Ca
         if len(values) < 2:
             continue
         mean = float(np.mean(values))
-        is_wrong_yaw = angle == "yaw" and advice_of(angle, mean, min(values), max(values)) is Advice.REDO
-        depth_m = RANGE_M**2 * abs(mean) / (rig.fx * rig.baseline_m) if is_wrong_yaw else None
         degrees = float(np.degrees(np.arctan2(mean, rig.fx)))
-        found.append(CameraOffset(angle, len(values), mean, min(values), max(values), degrees, depth_m))
+        offset = CameraOffset(angle, len(values), mean, min(values), max(values), degrees)
+        if angle == "yaw" and offset.is_wrong:
+            offset = offset._replace(depth_error_m=RANGE_M**2 * abs(mean) / (rig.fx * rig.baseline_m))
+        found.append(offset)
     return found
 
 
@@ -125,6 +121,6 @@ def corrected_drive(drive: PairsInMemory, offsets: Sequence[CameraOffset]) -> Pa
 
 def cost_row(offsets: Sequence[CameraOffset], agreement: Agreement) -> Figure:
     """Return how the correction of the offsets changes the positions, from the runs with and without it."""
-    moved = formulas.statistics(agreement.differences.position_m)
+    moved = formulas.statistics(agreement.position_m)
     part = " and ".join(offset.angle for offset in offsets)
     return figure_row("calibration_cost", agreement.condition, part, n=moved.n, value=moved.rmse)

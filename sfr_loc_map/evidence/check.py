@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from itertools import combinations, islice
+
+from msgspec.structs import replace
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence.agreement import Agreement, agreement_rows, compare, disagreement_of, shortage_of
@@ -67,18 +68,23 @@ def check_drive(
         *(row for agreement in (*agreements, *with_others) for row in agreement_rows(agreement)),
         *(row for condition in conditions for row in predicted_rows(forward, condition)),
         *(row for closure in closures for row in closure_rows(closure)),
-        *(scale_row(agreement) for agreement in with_others),
+        *(scale_row(forward, other, condition) for condition in conditions for other in others),
         *(row for condition in conditions for row in hat_rows((forward, *others), condition)),
         *(row for offset in offsets for row in offset_rows(offset)),
         *_cost_rows(drive, forward, wrong_offsets, conditions, config),
     )
     check = Check(
-        subject=DRIVE, figures=figures, pairs=len(drive), pairs_of_source=len(sequence), offsets=tuple(offsets)
+        pairs={DRIVE: len(drive)},
+        pairs_of_source={DRIVE: len(sequence)},
+        figures=figures,
+        advice={offset.angle: offset.advice for offset in offsets},
+        calibration=tuple(offset.text for offset in wrong_offsets),
     )
-    if check.result is CheckResult.INCONSISTENT:
+    result = check.results[DRIVE]
+    if result is CheckResult.INCONSISTENT:
         return replace(check, disagreements=(disagreement_of(agreements),))
-    if check.result is CheckResult.NOT_ENOUGH_DATA:
-        return replace(check, shortage=shortage_of(agreements))
+    if result is CheckResult.NOT_ENOUGH_DATA:
+        return replace(check, not_checked=(shortage_of(agreements),))
     return check
 
 
@@ -89,7 +95,9 @@ def too_few_pairs(count: int) -> str:
 
 def short_drive(pairs: int, pairs_of_source: int) -> Check:
     """Return the check of a drive that has fewer than `MIN_PAIRS` pairs: there is not enough data."""
-    return Check(subject=DRIVE, figures=(), pairs=pairs, pairs_of_source=pairs_of_source, shortage=too_few_pairs(pairs))
+    return Check(
+        pairs={DRIVE: pairs}, pairs_of_source={DRIVE: pairs_of_source}, figures=(), not_checked=(too_few_pairs(pairs),)
+    )
 
 
 def _agreements_of(runs: Mapping[RunVariant, ComparedRun], conditions: Sequence[Condition]) -> Iterator[Agreement]:

@@ -1,4 +1,4 @@
-"""Results of a check without ground truth. They follow from the figures of the check, and from the advice.
+"""The check of a recording without ground truth, and its results, which follow from its figures and its advice.
 
 Three kinds of evidence decide, each about one subject:
 
@@ -7,22 +7,27 @@ Three kinds of evidence decide, each about one subject:
 - maps: the ratios of each overlap of two maps (figures `overlap`, `overlap_ratio`, `overlap_grey`)
 - calibration: the advice for the calibration file
 
-A check and the report of its JSON file both call `results_of`.
+A `Check` is also the content of the JSON of `sfr check`. The results in the file are for readers: a report derives the
+results again from the figures.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
 from enum import StrEnum
+from typing import Any
+
+import msgspec
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.evidence.calibration import Advice, CameraOffset
+from sfr_loc_map.evidence.calibration import Advice
 from sfr_loc_map.evidence.localiser_runs import OWN_COMPARISONS
 from sfr_loc_map.mapping.multiview.pose_agreement import pose_disagreement
 from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP
+from sfr_loc_map.metrics.figures.records import Provenance
 from sfr_loc_map.metrics.figures.rows import Figure
+from sfr_loc_map.metrics.stored.score_json import HASH, hash_of_values, to_plain
 
 DRIVE, MAPS, CALIBRATION = "drive", "maps", "calibration"  #: Subjects of a check.
 SCHEMA = "sfr-check/1"  #: Schema of the JSON of a check.
@@ -39,60 +44,78 @@ class CheckResult(StrEnum):
 
 OF_COMPARISONS = (CheckResult.INCONSISTENT, CheckResult.CONSISTENT, CheckResult.NOT_ENOUGH_DATA)
 """Precedence of the results of comparisons: a comparison without enough data does not change the result of the others.
-The number of comparisons with enough data is stated beside the result (`Check.checked`)."""
+The number of comparisons with enough data is stated beside the result (`Check.counts`)."""
 OF_SUBJECTS = (CheckResult.INCONSISTENT, CheckResult.NOT_ENOUGH_DATA, CheckResult.CONSISTENT)
 """Precedence of the results of subjects: a recording is consistent only if each of its subjects could be checked."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Check:
-    """The check of one subject: a drive or maps."""
+class Check(msgspec.Struct, frozen=True, kw_only=True):
+    """The check of a recording: of its drive, of its maps, or of both. A subject is `DRIVE` or `MAPS`."""
 
-    subject: str  #: `DRIVE` or `MAPS`.
+    pairs: dict[str, int]  #: Number of checked pairs of each subject.
+    pairs_of_source: dict[str, int]  #: Number of pairs that the source has for each subject.
     figures: tuple[Figure, ...]
-    pairs: int  #: Number of pairs that were checked.
-    pairs_of_source: int  #: Number of pairs that the source has.
+    advice: dict[str, Advice] = {}  #: Recommended action for the calibration file, by angle of the right camera.
+    calibration: tuple[str, ...] = ()  #: Offsets of the right camera for which the calibration should be repeated.
     disagreements: tuple[str, ...] = ()
     """Descriptions of differences that exceed the prediction: the least probable difference of a drive, and all of
     the maps."""
-    shortage: str = ""  #: Why there is not enough data; empty for other results.
-    offsets: tuple[CameraOffset, ...] = ()  #: Offsets of the right camera from its calibration, of a drive.
+    not_checked: tuple[str, ...] = ()  #: Why subjects do not have enough data.
+    provenance: Provenance | None = None  #: Inputs, command, settings, version and time; None if unknown.
 
     @property
-    def results(self) -> tuple[CheckResult, ...]:
-        """The result of each comparison."""
-        return results_of_comparisons(self.figures)[self.subject]
+    def results(self) -> dict[str, CheckResult]:
+        """The result of each subject; the calibration has a result only if it should be repeated."""
+        comparisons = results_of_comparisons(self.figures)
+        results = {subject: combined(comparisons[subject]) for subject in self.pairs}
+        if Advice.REDO in self.advice.values():
+            results[CALIBRATION] = CheckResult.INCONSISTENT
+        return results
 
     @property
     def result(self) -> CheckResult:
-        """The result over all comparisons."""
-        return combined(self.results)
+        """The result of the recording: not enough data if a subject was not checked and no other subject disagrees."""
+        return combined(self.results.values(), OF_SUBJECTS)
 
     @property
-    def checked(self) -> int:
-        """Number of comparisons with enough data."""
-        return count_with_enough_data(self.results)
+    def counts(self) -> dict[str, tuple[int, int]]:
+        """For each subject, the number of comparisons with enough data, and the number of all comparisons."""
+        comparisons = results_of_comparisons(self.figures)
+        counts = {}
+        for subject in self.pairs:
+            results = comparisons[subject]
+            enough = sum(result is not CheckResult.NOT_ENOUGH_DATA for result in results)
+            counts[subject] = (enough, len(results))
+        return counts
 
     @property
-    def wrong_offsets(self) -> tuple[CameraOffset, ...]:
-        """The offsets for which the calibration should be repeated."""
-        return tuple(offset for offset in self.offsets if offset.is_wrong)
+    def checked(self) -> dict[str, str]:
+        """The counts in words."""
+        return {subject: f"{enough} of {count}" for subject, (enough, count) in self.counts.items()}
 
-    @property
-    def advice(self) -> dict[str, Advice]:
-        """The recommended action for the calibration file, by angle."""
-        return {offset.angle: offset.advice for offset in self.offsets}
+    def to_dict(self) -> dict[str, Any]:
+        """Return the check for JSON, with its results and the hash of all values."""
+        content = {
+            "schema": SCHEMA,
+            "result": self.result.value,
+            "results": {subject: result.value for subject, result in self.results.items()},
+            "checked": self.checked,
+            **to_plain(self),
+        }
+        return {**content, HASH: hash_of_values(content)}
 
 
-def results_of(
-    subjects: Iterable[str], figures: Sequence[Figure], advice: Mapping[str, Advice]
-) -> dict[str, CheckResult]:
-    """Return the result of each checked subject; the calibration has a result only if it should be repeated."""
-    comparisons = results_of_comparisons(figures)
-    results = {subject: combined(comparisons[subject]) for subject in subjects}
-    if Advice.REDO in advice.values():
-        results[CALIBRATION] = CheckResult.INCONSISTENT
-    return results
+def joined(checks: Sequence[Check]) -> Check:
+    """Return the check of several subjects of a recording from the check of each subject."""
+    return Check(
+        pairs={subject: count for check in checks for subject, count in check.pairs.items()},
+        pairs_of_source={subject: count for check in checks for subject, count in check.pairs_of_source.items()},
+        figures=tuple(row for check in checks for row in check.figures),
+        advice={angle: word for check in checks for angle, word in check.advice.items()},
+        calibration=tuple(text for check in checks for text in check.calibration),
+        disagreements=tuple(text for check in checks for text in check.disagreements),
+        not_checked=tuple(text for check in checks for text in check.not_checked),
+    )
 
 
 def results_of_comparisons(figures: Sequence[Figure]) -> dict[str, tuple[CheckResult, ...]]:
@@ -139,11 +162,6 @@ def result_of_overlap(points: int, ratio: float, grey_ratio: float) -> CheckResu
         return CheckResult.NOT_ENOUGH_DATA
     disagrees = pose_disagreement(ratio, grey_ratio) != ""
     return CheckResult.INCONSISTENT if disagrees else CheckResult.CONSISTENT
-
-
-def count_with_enough_data(results: Iterable[CheckResult]) -> int:
-    """Return the number of comparisons with enough data."""
-    return sum(result is not CheckResult.NOT_ENOUGH_DATA for result in results)
 
 
 def combined(results: Iterable[CheckResult], precedence: Sequence[CheckResult] = OF_COMPARISONS) -> CheckResult:

@@ -18,7 +18,7 @@ from sfr_loc_map.mapping.multiview.projection import SHIFT_PX
 from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.figures.catalogue import REVISITED_PLACES
 from sfr_loc_map.metrics.figures.rows import Figure
-from sfr_loc_map.tables.model import ABSENT, METRE, NONE, PERCENT, Cell, Column, Table, Unit, fitting
+from sfr_loc_map.tables.model import METRE, NONE, PERCENT, Cell, Column, Table, Unit, fitting
 from sfr_loc_map.tables.typed import RowColumn, heads, table_of, words
 
 CALIBRATION_NAMES = {
@@ -214,28 +214,44 @@ def check_tables(figures: Sequence[Figure], advice: Mapping[str, str]) -> list[T
     return [table for table in tables if table.rows]
 
 
+class OffsetRow(NamedTuple):
+    """A figure of the calibration table."""
+
+    figure: Figure
+    index: int  #: Index of the figure in the figures of the check.
+    advice: str | None  #: Recommended action for the calibration file.
+
+    @property
+    def name(self) -> str:
+        """Displayed name of the figure."""
+        over = f" over {label_of(self.figure.condition)}" if self.figure.condition else ""
+        return f"{CALIBRATION_NAMES[self.figure.figure]}{self.figure.part}{over}"
+
+    @property
+    def unit(self) -> Unit:
+        """Displayed unit."""
+        return fitting(Unit(self.figure.unit), self.figure.value)
+
+    def cell(self, name: str, unit: Unit = NONE) -> Cell:
+        """Return a number of the figure as a table cell."""
+        return Cell.number(self.figure.statistic(name), f"figures.{self.index}.{name}", unit)
+
+
+OFFSETS: tuple[RowColumn[OffsetRow], ...] = (
+    heads("calibration", lambda row: row.name),
+    RowColumn(Column("unit"), lambda row: Cell(row.unit.symbol)),
+    RowColumn(Column("value"), lambda row: row.cell("value", row.unit)),
+    RowColumn(Column("n"), lambda row: row.cell("n")),
+    words("calibration file", lambda row: row.advice),
+)
+
+
 def calibration_table(figures: Sequence[Figure], advice: Mapping[str, str]) -> Table:
     """Return the offsets of the right camera as a table. `advice` is the advice of the check for each angle."""
-    rows = []
-    for index, row in enumerate(figures):
-        if row.figure in CALIBRATION_NAMES:
-            unit = fitting(Unit(row.unit), row.value)
-            over = f" over {label_of(row.condition)}" if row.condition else ""
-            action = advice.get(row.part or "") if row.figure == "right_camera" else None
-            cells = (
-                Cell.head(f"{CALIBRATION_NAMES[row.figure]}{row.part}{over}"),
-                Cell(unit.symbol),
-                Cell.number(row.value, f"figures.{index}.value", unit),
-                Cell.number(row.n, f"figures.{index}.n"),
-                Cell(ABSENT if action is None else str(action)),
-            )
-            rows.append(cells)
-    columns = (
-        Column("calibration", words=True),
-        Column("unit"),
-        Column("value"),
-        Column("n"),
-        Column("calibration file", words=True),
-    )
+    rows = [
+        OffsetRow(figure, index, advice.get(figure.part or "") if figure.figure == "right_camera" else None)
+        for index, figure in enumerate(figures)
+        if figure.figure in CALIBRATION_NAMES
+    ]
     kind = kinds.CALIBRATION
-    return Table(kind.name, kind.title, columns, tuple(rows), kind.note)
+    return table_of(kind.name, kind.title, OFFSETS, rows, kind.note)

@@ -7,19 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.evidence.agreement import MIN_SUB_TRAJECTORIES, Agreement
-from sfr_loc_map.evidence.localiser_runs import ComparedRun
-from sfr_loc_map.evidence.paired_runs import SPACING, RunAtPairs, paired, spans_of
+from sfr_loc_map.evidence.agreement import MIN_SUB_TRAJECTORIES
+from sfr_loc_map.evidence.localiser_runs import ComparedRun, name_of_comparison
+from sfr_loc_map.evidence.paired_runs import RunAtPairs, count_without_overlap, paired, sub_trajectories_of
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.frames.association import Estimates, StampedPoses, associate
 from sfr_loc_map.metrics.statistics.intervals import student_quantile
-from sfr_loc_map.metrics.trajectory.consistency import relative_errors, without_overlap
-from sfr_loc_map.metrics.trajectory.trajectory_errors import select
+from sfr_loc_map.metrics.trajectory.consistency import relative_errors
 
 IDENTICAL = 1e-6
 """Largest difference of the motions of identical estimates, m and rad. Files round poses to less."""
@@ -57,17 +55,20 @@ def check_different(first: ComparedRun, other: ComparedRun) -> None:
         )
 
 
-def scale_row(agreement: Agreement) -> Figure:
+def scale_row(first: ComparedRun, other: ComparedRun, condition: Condition) -> Figure:
     """Return the relative excess length of the first run over the other run, with its 95 % interval.
 
     The interval assumes that sub-trajectories that do not overlap are independent. If the other run is wheel
     odometry without slip, the scale error is that of the ratio of baseline and focal length.
     """
-    lengths_m = agreement.differences.lengths_m
+    runs = paired(first, other)
+    starts, ends = sub_trajectories_of(runs.ours.poses, condition)
+    moves = [run.poses.position[ends] - run.poses.position[starts] for run in runs]
+    lengths_m = np.stack([np.linalg.norm(move, axis=1) for move in moves], axis=1)
     known = lengths_m[(lengths_m > 0.0).all(axis=1)]
-    where = (agreement.condition, agreement.name)
+    where = (condition.setting, name_of_comparison(first.name, other.name))
     count = len(known)
-    independent = float(min(agreement.differences.independent, count))
+    independent = float(min(count_without_overlap(starts, ends), count))
     if independent < MIN_SUB_TRAJECTORIES:
         return figure_row("scale", *where, n=count, independent=independent)
     scales = known[:, 0] / known[:, 1] - 1.0
@@ -85,10 +86,10 @@ def hat_rows(runs: Sequence[ComparedRun], condition: Condition) -> list[Figure]:
     if len(runs) != 3:
         return []
     first, second, third = at_common_pairs(*runs)
-    starts, ends = select(condition, SPACING, first, formulas.path_length_m(first.position))
+    starts, ends = sub_trajectories_of(first, condition)
     pairs = ((first, second), (first, third), (second, third))
     differences = [relative_errors(one, other, starts, ends)[:, :3] for one, other in pairs]
-    independent = len(list(without_overlap(spans_of(starts, ends))))
+    independent = count_without_overlap(starts, ends)
     sigmas = three_cornered_hat(*differences) if independent >= MIN_SUB_TRAJECTORIES else None
     values = (None, None, None) if sigmas is None else sigmas
     return [

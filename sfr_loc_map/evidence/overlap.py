@@ -58,13 +58,13 @@ class Overlap(NamedTuple):
 def check_maps(sequence: NavSequence, config: MappingConfig) -> Check:
     """Map the first `MAX_PAIRS` pairs of a source and compare every two maps that overlap."""
     overlaps = find_overlaps(sequence, config)
+    has_enough_data = combined(overlap.result for overlap in overlaps) is not CheckResult.NOT_ENOUGH_DATA
     return Check(
-        subject=MAPS,
+        pairs={MAPS: min(len(sequence), MAX_PAIRS)},
+        pairs_of_source={MAPS: len(sequence)},
         figures=tuple(row for overlap in overlaps for row in overlap_rows(overlap)),
-        pairs=min(len(sequence), MAX_PAIRS),
-        pairs_of_source=len(sequence),
         disagreements=tuple(overlap.disagreement for overlap in overlaps if overlap.disagreement),
-        shortage=TOO_FEW if combined(overlap.result for overlap in overlaps) is CheckResult.NOT_ENOUGH_DATA else "",
+        not_checked=() if has_enough_data else (TOO_FEW,),
     )
 
 

@@ -16,6 +16,8 @@ from sfr_loc_map.evidence.localiser_runs import ComparedRun
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.rotation import matrix_from_quat, unit_quats
 from sfr_loc_map.geometry.transform import propagated_covariance
+from sfr_loc_map.metrics import formulas
+from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.frames.association import StampedPoses
 from sfr_loc_map.metrics.trajectory.consistency import (
     Span,
@@ -26,6 +28,7 @@ from sfr_loc_map.metrics.trajectory.consistency import (
     sums_of_steps,
     without_overlap,
 )
+from sfr_loc_map.metrics.trajectory.trajectory_errors import select
 
 SPACING = 5  #: Number of frames between starts: half of the spacing of a score, for short recordings.
 
@@ -148,6 +151,16 @@ def random_covariance(start: StepSums, end: StepSums, position: FloatArray) -> F
     return relative_covariance(start._replace(systematic=none), end._replace(systematic=none), position)
 
 
+def sub_trajectories_of(poses: StampedPoses, condition: Condition) -> tuple[IntArray, IntArray]:
+    """Return the frames at which the sub-trajectories of a condition start, and those at which they end."""
+    return select(condition, SPACING, poses, formulas.path_length_m(poses.position))
+
+
 def spans_of(starts: IntArray, ends: IntArray) -> list[Span]:
     """Return sub-trajectories as pairs of frames."""
     return list(zip(starts.tolist(), ends.tolist(), strict=True))
+
+
+def count_without_overlap(starts: IntArray, ends: IntArray) -> int:
+    """Return the number of sub-trajectories that do not overlap."""
+    return len(list(without_overlap(spans_of(starts, ends))))

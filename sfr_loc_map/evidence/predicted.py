@@ -13,15 +13,13 @@ from enum import StrEnum
 import numpy as np
 
 from sfr_loc_map.evidence.localiser_runs import ComparedRun
-from sfr_loc_map.evidence.paired_runs import SPACING
+from sfr_loc_map.evidence.paired_runs import sub_trajectories_of
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import propagation
-from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
 from sfr_loc_map.metrics.frames.association import StampedPoses
 from sfr_loc_map.metrics.trajectory.consistency import StepSums, sums_of_steps
-from sfr_loc_map.metrics.trajectory.trajectory_errors import select
 
 
 class PredictedSource(StrEnum):
@@ -43,7 +41,7 @@ def predicted_rows(run: ComparedRun, condition: Condition) -> Iterator[Figure]:
     if run.estimates.steps is None:
         return
     path = StampedPoses(poses.stamps_ns, poses.positions, poses.quats_xyzw)
-    starts, ends = select(condition, SPACING, path, formulas.path_length_m(path.position))
+    starts, ends = sub_trajectories_of(path, condition)
     unreliable = np.concatenate(([0], np.cumsum(run.estimates.unreliable)))
     sums = sums_of_steps(run.estimates, run.estimates.steps, np.unique(np.concatenate((starts, ends))))
     parts = [

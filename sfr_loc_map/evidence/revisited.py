@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from sfr_loc_map.evidence.agreement import Agreement, Differences, probability_of
+from sfr_loc_map.evidence.agreement import Agreement
 from sfr_loc_map.evidence.localiser_runs import DIRECT, ComparedRun, PairsInMemory, RunVariant, run_pairs
 from sfr_loc_map.evidence.paired_runs import in_axes_of, poses_at, rows_at
 from sfr_loc_map.geometry.arrays import FloatArray
@@ -130,18 +130,15 @@ def growth_between(run: ComparedRun, start: int, end: int) -> FloatArray | None:
 
 
 def agreement_at(closures: Sequence[Closure]) -> Agreement:
-    """Return the misclosures as a comparison of two runs.
-
-    One place suffices, because the distribution of its NEES is known.
-    """
+    """Return the misclosures as a comparison of two runs."""
     errors = np.array([item.error for item in closures])
-    squares = np.array([item.square for item in closures if item.square is not None])
-    lengths_m = np.zeros((len(closures), 2))
-    attitude_deg = np.degrees(np.linalg.norm(errors[:, 3:], axis=1))
-    differences = Differences(errors[:, :3], attitude_deg, squares, lengths_m, independent=len(closures))
-    probability = probability_of(squares) if len(squares) else None
     return Agreement(
-        runs=(RunVariant.FORWARD.value, DIRECT), condition=None, differences=differences, probability=probability
+        runs=(RunVariant.FORWARD.value, DIRECT),
+        condition=None,
+        position_m=errors[:, :3],
+        attitude_deg=np.degrees(np.linalg.norm(errors[:, 3:], axis=1)),
+        squares=np.array([item.square for item in closures if item.square is not None]),
+        independent=len(closures),
     )
 
 

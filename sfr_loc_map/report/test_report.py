@@ -53,7 +53,7 @@ def figures_without_clause(scores: Sequence[Score]) -> list[str]:
 class AdditionalEvidence(NamedTuple):
     """Evidence from the output file of another command. It supports the verdicts and never changes them.
 
-    `suite.pages.evidence_files` reads the files.
+    `evidence.report_evidence` reads the files.
     """
 
     heading: str

@@ -13,6 +13,7 @@ from pathlib import Path
 from scipy.stats import spearmanr
 
 from sfr_loc_map.evidence.check import check_drive
+from sfr_loc_map.evidence.check_result import DRIVE
 from sfr_loc_map.evidence.localiser_runs import PairsInMemory, RunVariant, run_variant
 from sfr_loc_map.faults.injector import FaultInjector
 from sfr_loc_map.faults.kinds import parse_fault
@@ -64,9 +65,9 @@ def main(arguments: list[str]) -> int:
             )
             lost = int(forward.estimates.lost.sum())
             print(
-                f"{path.name}; {text or 'none'}; {found.result}; {shown}; at least {1e3 * bound:.2f} mm; "
+                f"{path.name}; {text or 'none'}; {found.results[DRIVE]}; {shown}; at least {1e3 * bound:.2f} mm; "
                 f"true rmse {1e3 * error:.2f} mm; {lost} lost; {closures or 'no revisited place'}; "
-                f"{'; '.join(offset.text for offset in found.wrong_offsets) or 'calibration: nothing'}",
+                f"{'; '.join(found.calibration) or 'calibration: nothing'}",
                 flush=True,
             )
             bounds.append(bound)

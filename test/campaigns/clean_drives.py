@@ -88,12 +88,13 @@ def check(folder: Path) -> Checked:
     worst = min(known, key=lambda row: row.value, default=None)
     shown = "" if worst is None else f"{worst.part} over {worst.condition}, p {worst.value:.2g}"
     print(
-        f"{folder.name}; {found.result}; {shown}; at least {1e3 * bound_m:.2f} mm; true rmse {1e3 * error_m:.2f} mm; "
+        f"{folder.name}; {found.results['drive']}; {shown}; at least {1e3 * bound_m:.2f} mm; "
+        f"true rmse {1e3 * error_m:.2f} mm; "
         f"{int(forward.estimates.lost.sum())} lost; "
-        f"{'; '.join(offset.text for offset in found.wrong_offsets) or 'calibration: nothing'}",
+        f"{'; '.join(found.calibration) or 'calibration: nothing'}",
         flush=True,
     )
-    return Checked(found.result, bound_m, error_m)
+    return Checked(found.results["drive"], bound_m, error_m)
 
 
 def largest_bound(found: Check) -> float:

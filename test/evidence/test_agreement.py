@@ -10,15 +10,22 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from sfr_loc_map.errors import InputError, MetricsError
 from sfr_loc_map.evidence.agreement import Agreement, compare, disagreement_of, shortage_of
-from sfr_loc_map.evidence.calibration import Advice, CameraOffset, advice_of, offset_rows, right_camera_offsets
+from sfr_loc_map.evidence.calibration import Advice, CameraOffset, offset_rows, right_camera_offsets
 from sfr_loc_map.evidence.check import short_drive
-from sfr_loc_map.evidence.check_result import DRIVE, MAPS, Check, CheckResult, combined, results_of_probabilities
+from sfr_loc_map.evidence.check_result import (
+    DRIVE,
+    MAPS,
+    Check,
+    CheckResult,
+    combined,
+    joined,
+    results_of_probabilities,
+)
 from sfr_loc_map.evidence.check_tables import calibration_table
 from sfr_loc_map.evidence.localiser_runs import ComparedRun
 from sfr_loc_map.evidence.other_estimates import at_pairs_of, check_different, hat_rows, scale_row, three_cornered_hat
 from sfr_loc_map.evidence.overlap import Overlap, overlap_rows
 from sfr_loc_map.evidence.paired_runs import paired, rows_at
-from sfr_loc_map.evidence.recording import RecordingCheck
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.localisation.estimate import TrackingStatistics
@@ -83,8 +90,8 @@ def test_independent_runs_differ_as_their_covariances_predict(backward: bool) ->
         steps = reversed_steps(turns, moves) if backward else (turns, moves)
         other = run_of("b", *steps, 2 * seed + 1, is_backward=backward)
         found = compare(first, other, CONDITION)
-        squares.append(found.differences.squares)
-        assert len(found.differences.squares) >= 12
+        squares.append(found.squares)
+        assert len(found.squares) >= 12
     mean = np.concatenate(squares).mean()
     assert mean == pytest.approx(6.0, abs=4 * np.sqrt(12.0 / len(np.concatenate(squares))))
 
@@ -95,8 +102,8 @@ def test_the_first_run_ends_the_sub_trajectories() -> None:
     moves = np.tile([0.1, 0.0, 0.0], (len(STAMPS) - 1, 1))
     first, other = run_of("a", turning, moves, 1), run_of("b", Rotation.identity(len(moves)), moves, 2)
     condition = Condition.parse("turn=30")
-    assert len(compare(first, other, condition).differences.position_m) > 50
-    assert len(compare(other, first, condition).differences.position_m) == 0
+    assert len(compare(first, other, condition).position_m) > 50
+    assert len(compare(other, first, condition).position_m) == 0
 
 
 def test_a_drift_that_is_not_stated_is_found_and_bounds_the_error() -> None:
@@ -106,7 +113,7 @@ def test_a_drift_that_is_not_stated_is_found_and_bounds_the_error() -> None:
     agreeing, differing = compare(first, other, CONDITION), compare(first, drifting, CONDITION)
     assert result_of(agreeing) is CheckResult.CONSISTENT
     assert result_of(agreeing, differing) is CheckResult.INCONSISTENT
-    sizes = np.linalg.norm(differing.differences.position_m, axis=1)
+    sizes = np.linalg.norm(differing.position_m, axis=1)
     assert 0.5 * np.sqrt(np.mean(sizes**2)) < 20 * 2e-3 * 1.2, "no more than the drift over 20 steps"
     assert np.mean(sizes) > 0.6 * 20 * 2e-3
 
@@ -114,10 +121,10 @@ def test_a_drift_that_is_not_stated_is_found_and_bounds_the_error() -> None:
 def test_the_scale_against_wheels_shows_a_wrong_baseline() -> None:
     turns, moves = true_steps(np.random.default_rng(1))
     stereo, wheels = run_of("stereo", turns, 1.005 * moves, 1), run_of("wheels", turns, moves, 2)
-    row = scale_row(compare(stereo, wheels, CONDITION))
+    row = scale_row(stereo, wheels, CONDITION)
     assert row.low95 < 0.005 < row.high95
     assert row.low95 > 0.0, "the scale is significant"
-    assert scale_row(compare(stereo, wheels, Condition.parse("distance=39"))).value is None
+    assert scale_row(stereo, wheels, Condition.parse("distance=39")).value is None
 
 
 def test_an_estimate_at_another_rate_is_interpolated_to_the_pairs() -> None:
@@ -130,7 +137,7 @@ def test_an_estimate_at_another_rate_is_interpolated_to_the_pairs() -> None:
     x, y, z = (np.interp(inside, STAMPS, axis) for axis in poses.positions.T)
     quats = Slerp(STAMPS, Rotation.from_quat(poses.quats_xyzw))(inside).as_quat()
     wheels = ComparedRun("wheels", Estimates.of(Trajectory(stamps, np.column_stack((x, y, z)), quats)))
-    position_m = compare(stereo, at_pairs_of(stereo, wheels), CONDITION).differences.position_m
+    position_m = compare(stereo, at_pairs_of(stereo, wheels), CONDITION).position_m
     assert len(position_m) > 60
     assert np.abs(position_m).max() < 0.01, "the interpolation cuts a corner of 0.1 m by a few millimetres"
 
@@ -153,8 +160,8 @@ def test_a_covariance_that_is_not_positive_definite_gives_no_square() -> None:
     assert steps is not None
     shrunken = replace(other, estimates=replace(other.estimates, steps=-9.0 * steps))
     found = compare(first, shrunken, CONDITION)
-    assert len(found.differences.position_m) > 60
-    assert len(found.differences.squares) == 0
+    assert len(found.position_m) > 60
+    assert len(found.squares) == 0
 
 
 def test_too_few_sub_trajectories_are_not_enough_data() -> None:
@@ -180,8 +187,8 @@ def test_a_pose_that_is_not_tracked_predicts_no_difference(state: str) -> None:
     flags[151:251:2] = True
     marked = replace(first, estimates=replace(first.estimates, **{state: flags}))
     found = compare(marked, second, CONDITION)
-    assert len(found.differences.position_m) == len(usual.differences.position_m)
-    assert len(usual.differences.squares) - len(found.differences.squares) in (3, 4, 5)
+    assert len(found.position_m) == len(usual.position_m)
+    assert len(usual.squares) - len(found.squares) in (3, 4, 5)
     nowhere = replace(first, estimates=replace(first.estimates, **{state: np.ones_like(flags)}))
     never = compare(nowhere, second, CONDITION)
     assert never.probability is None
@@ -306,8 +313,8 @@ def test_a_right_camera_that_is_off_is_named_with_its_cost() -> None:
     ],
 )
 def test_the_advice_follows_from_all_runs(px: float, extremes: tuple[float, float], advice: str) -> None:
-    assert advice_of("pitch", px, *extremes) == advice
-    assert advice_of("yaw", px, *extremes) == ("redo" if advice == "redo" else "unclear")
+    assert CameraOffset("pitch", 4, px, *extremes, degrees=0.1).advice == advice
+    assert CameraOffset("yaw", 4, px, *extremes, degrees=0.1).advice == ("redo" if advice == "redo" else "unclear")
 
 
 @pytest.mark.parametrize(
@@ -324,30 +331,27 @@ def test_a_recording_is_consistent_only_if_each_of_its_subjects_is(drive: str, m
     of_drive = figure_row("agreement", "distance=1", "forward - backward", n=3, value=probability)
     of_other = figure_row("agreement", "distance=1", "forward - wheels.csv", n=3, value=0.0)
 
-    def recording(*offsets: CameraOffset) -> RecordingCheck:
-        return RecordingCheck(
-            Check(
-                subject=DRIVE,
-                figures=(of_drive, of_other),
-                pairs=30,
-                pairs_of_source=30,
-                disagreements=("why",) if drive == "inconsistent" else (),
-                offsets=offsets,
-            ),
-            Check(
-                subject=MAPS,
-                figures=tuple(overlap_rows(Overlap(0, 1, 0.4, points, 0.01, 1.0, 0.2))),
-                pairs=2,
-                pairs_of_source=2,
-                shortage="too short" if maps == "not enough data" else "",
-            ),
+    of_maps = Check(
+        figures=tuple(overlap_rows(Overlap(0, 1, 0.4, points, 0.01, 1.0, 0.2))),
+        pairs={MAPS: 2},
+        pairs_of_source={MAPS: 2},
+        not_checked=("too short",) if maps == "not enough data" else (),
+    )
+
+    def recording(**advice: Advice) -> Check:
+        disagreements = ("why",) if drive == "inconsistent" else ()
+        figures = (of_drive, of_other)
+        pairs = {DRIVE: 30}
+        of_sequence = Check(
+            figures=figures, pairs=pairs, pairs_of_source=pairs, disagreements=disagreements, advice=advice
         )
+        return joined([of_sequence, of_maps])
 
     content = recording().to_dict()
     assert content["result"] == overall
     assert content["not_checked"] == (["too short"] if maps == "not enough data" else [])
     assert content["disagreements"] == (["why"] if drive == "inconsistent" else [])
-    redo = recording(CameraOffset("pitch", 4, 0.5, 0.4, 0.6, 0.1, None)).to_dict()
+    redo = recording(pitch=Advice.REDO).to_dict()
     assert redo["result"] == redo["results"]["calibration"] == "inconsistent"
 
 
@@ -355,12 +359,12 @@ def test_the_finding_is_named_beside_a_comparison_with_an_undefined_probability(
     rng = np.random.default_rng(0)
     turns, moves = true_steps(rng)
     found = compare(run_of("a", turns, moves, 0), run_of("b", turns, moves, 1), CONDITION)
-    undefined = replace(found, runs=("c", "d"), probability=float("nan"))
-    assert "'a' and 'b'" in disagreement_of([undefined, replace(found, probability=1e-9)])
+    undefined = replace(found, runs=("c", "d"), squares=np.full(3, np.nan))
+    assert "'a' and 'b'" in disagreement_of([undefined, replace(found, squares=np.full(3, 30.0))])
 
 
 def test_maps_are_checked_beside_a_drive_that_is_too_short() -> None:
-    recording = RecordingCheck(short_drive(10, 10))
+    recording = joined([short_drive(10, 10)])
     assert recording.result is CheckResult.NOT_ENOUGH_DATA
     assert "10 pairs" in recording.not_checked[0]
     content = recording.to_dict()

@@ -13,11 +13,12 @@ from helpers.cli_result import Sfr
 from helpers.loc_drive import drive, run
 from helpers.made_scene import LOC_RIG
 from sfr_loc_map.errors import ConfigError, InputError
-from sfr_loc_map.evidence.calibration import CameraOffset, corrected_drive
+from sfr_loc_map.evidence.calibration import Advice, CameraOffset, corrected_drive
 from sfr_loc_map.evidence.check import check_drive
 from sfr_loc_map.evidence.check_tables import AGREEMENT_TABLE, calibration_table, items_with
 from sfr_loc_map.evidence.localiser_runs import ComparedRun, PairsInMemory
 from sfr_loc_map.evidence.recording import names_of_estimates
+from sfr_loc_map.evidence.report_evidence import read_evidence
 from sfr_loc_map.faults.injector import FaultInjector
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -31,14 +32,13 @@ from sfr_loc_map.metrics.figures.rows import figure_row
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.runs.localiser_run import trajectory_of
-from sfr_loc_map.suite.pages.evidence_files import read_evidence
 
 
 def test_a_drive_agrees_with_itself_and_every_comparison_is_a_row() -> None:
     sequence = PairsInMemory(LOC_RIG, drive(40))
     condition = Condition.parse("frames=5")
     found = check_drive(sequence, LocalisationConfig(), [condition], 40)
-    assert found.result == "consistent"
+    assert found.results == {"drive": "consistent"}
     names = ["forward - backward", "forward - every second pair", "left half - right half"]
     score = Score(figures=found.figures)
     for name in names:
@@ -62,7 +62,7 @@ def test_a_wrong_calibration_is_to_be_redone_and_its_cost_is_measured(angle: str
     """The drive with the offset taken back has no such offset, and its positions differ by the stated cost."""
     sequence = faulty(f"{angle}:amount=0.3")
     found = check_drive(sequence, LocalisationConfig(), [Condition.parse("frames=5")], 40)
-    assert [offset.angle for offset in found.wrong_offsets] == [angle]
+    assert [name for name, word in found.advice.items() if word is Advice.REDO] == [angle]
     score = Score(figures=found.figures)
     degrees = np.degrees(score.number("right_camera", "value", part=angle) / LOC_RIG.fx)
     assert abs(degrees) == pytest.approx(0.3, abs=0.03)
@@ -71,9 +71,9 @@ def test_a_wrong_calibration_is_to_be_redone_and_its_cost_is_measured(angle: str
     advice = {row[0].text: row[-1].text for row in table.rows}
     assert advice[f"right camera, {angle}"] == "redo"
     assert advice[f"shift of positions by correction of {angle} over 5 frames"] == "-"
-    corrected = corrected_drive(sequence, [CameraOffset(angle, 4, 0.0, 0.0, 0.0, float(degrees), None)])
+    corrected = corrected_drive(sequence, [CameraOffset(angle, 4, 0.0, 0.0, 0.0, float(degrees))])
     again = check_drive(corrected, LocalisationConfig(), [Condition.parse("frames=5")], 40)
-    assert again.wrong_offsets == ()
+    assert again.calibration == ()
     assert not [row for row in again.figures if row.figure == "calibration_cost"]
     advice = {row[0].text: row[-1].text for row in calibration_table(again.figures, again.advice).rows}
     assert advice["right camera, pitch"] == advice["right camera, roll"] == "keep"
@@ -84,7 +84,7 @@ def test_a_yaw_is_taken_back_in_the_images() -> None:
     """The localiser reports a negative yaw of a camera that looks to the left (docs/measurements.md)."""
     clean, sequence = drive(1)[0].right, faulty("yaw:amount=0.3")
     (corrected,) = corrected_drive(
-        replace(sequence, kept=sequence.kept[:1]), [CameraOffset("yaw", 4, 0.0, 0.0, 0.0, -0.3, None)]
+        replace(sequence, kept=sequence.kept[:1]), [CameraOffset("yaw", 4, 0.0, 0.0, 0.0, -0.3)]
     ).kept
     inner = (slice(5, -5), slice(5, -5))
     before, after = (

@@ -85,8 +85,8 @@ def test_one_comparison_with_enough_data_suffices_and_the_number_of_these_is_sta
     assert combined([few, few]) is combined([]) is few
     overlaps = [Overlap(0, number, 0.4, points, 0.01, 1.0, 0.2) for number, points in enumerate((10, 5000, 10), 1)]
     figures = tuple(row for overlap in overlaps for row in overlap_rows(overlap))
-    check = Check(subject=MAPS, figures=figures, pairs=2, pairs_of_source=2)
-    assert (check.result, check.checked) == (consistent, 1)
+    check = Check(figures=figures, pairs={MAPS: 2}, pairs_of_source={MAPS: 2})
+    assert (check.result, check.counts) == (consistent, {MAPS: (1, 3)})
 
 
 def test_figures_and_table_have_each_overlap() -> None:

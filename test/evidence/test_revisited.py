@@ -184,6 +184,6 @@ def test_the_law_of_several_places_adds_their_squares() -> None:
     """Six squares of 6 are usual; a place without a covariance counts in the difference alone."""
     places = [Closure(0, 10, 2.0, np.full(6, 0.01), 6.0)] * 6 + [Closure(20, 40, 2.0, np.full(6, 0.01), None)]
     found = agreement_at(places)
-    assert len(found.differences.position_m) == 7
-    assert len(found.differences.squares) == 6
+    assert len(found.position_m) == 7
+    assert len(found.squares) == 6
     assert found.probability == pytest.approx(0.47, abs=0.01)
