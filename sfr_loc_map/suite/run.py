@@ -19,7 +19,7 @@ from sfr_loc_map.suite.planning.data_set import check_data_sets
 from sfr_loc_map.suite.planning.plan import Plan, make_plan
 from sfr_loc_map.suite.planning.source_inspection import has_changed
 from sfr_loc_map.suite.planning.specification import SuiteSettings, SuiteSpecification
-from sfr_loc_map.suite.statistics.groups import is_suite_decided
+from sfr_loc_map.suite.statistics.groups import are_decided, groups_of
 from sfr_loc_map.suite.statistics.scored_job import ResultReader
 from sfr_loc_map.suite.statistics.summary import Summary, summarise
 from sfr_loc_map.suite.store import Store
@@ -167,7 +167,10 @@ class PlannedRun:
     def is_decided(self) -> bool:
         """Return whether the results that exist now decide all limits by sequential tests."""
         jobs = self.plan.jobs
-        return is_suite_decided(jobs, self.reader.results_of(jobs), self.reader.limits)
+        results = self.reader.results_of(jobs)
+        finished = {result.job.key for result in results}
+        unfinished = [job for job in jobs if job.key not in finished]
+        return are_decided([*groups_of(results, self.reader.limits, unfinished)], jobs)
 
 
 def plan_run(specification: SuiteSpecification, store: Store, *, retry_failed: bool) -> PlannedRun:

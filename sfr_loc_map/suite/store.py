@@ -19,7 +19,7 @@ the cache are complete or absent, so that several processes can write them.
 from __future__ import annotations
 
 import fcntl
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -31,6 +31,7 @@ from sfr_loc_map.errors import ConfigError, InputError, OutputError
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import MAX_JSON_BYTES, MB, read_text, refusing
 from sfr_loc_map.json_yaml import parse_json
+from sfr_loc_map.metrics.figures.records import Provenance
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import HASH, from_dict, from_plain, hash_of_values, json_line, to_plain
 from sfr_loc_map.suite.jobs.job import PROVENANCE_PREFIX, Job, JobDescription
@@ -42,19 +43,14 @@ from sfr_loc_map.suite.planning.specification import Refusal
 PLAN, WORKERS = "plan.json", "workers.json"
 LOCK = ".lock"
 ADVICE = "delete this file and run the suite again"
+FOLDER_ADVICE = "choose another folder"
 T = TypeVar("T")
-
-
-class ResultProvenance(msgspec.Struct, frozen=True):
-    """The part of the provenance of a stored result that describes its job."""
-
-    configuration: dict[str, Any] = {}
 
 
 class StoredResult(msgspec.Struct, frozen=True):
     """The part of a stored result that describes its job."""
 
-    provenance: ResultProvenance | None = None
+    provenance: Provenance | None = None
 
 
 class Store:
@@ -70,10 +66,6 @@ class Store:
             raise OutputError(f"'{folder}' contains {others[0]} and is not the folder of a suite: choose another name")
         self._plan: Plan | None = None
 
-    def _make_folders(self) -> None:
-        for path in (self.results, self.failures, self.cache):
-            make_folder(path, "choose another folder")
-
     @contextmanager
     def locked(self) -> Iterator[None]:
         """Lock the folder, which only one process may write; raise OutputError if another process has the lock."""
@@ -85,7 +77,7 @@ class Store:
     @contextmanager
     def locked_if_free(self) -> Iterator[bool]:
         """Lock the folder unless another process has the lock; yield whether this process has the lock."""
-        self._make_folders()
+        make_folder(self.cache, FOLDER_ADVICE)  # workers use this cache only if it exists
         with ExitStack() as stack:
             try:
                 stream = stack.enter_context((self.folder / LOCK).open("w"))
@@ -107,8 +99,7 @@ class Store:
         text = json_line({**content, HASH: hash_of_values(content)})
         if len(text) > MAX_JSON_BYTES:
             raise ConfigError(f"the plan of {len(plan.jobs)} jobs exceeds {MAX_JSON_BYTES / MB:g} MB: split the suite")
-        self._make_folders()
-        write_text(text, self.plan_file)
+        _write(text, self.plan_file)
         self._plan = plan
 
     @property
@@ -176,8 +167,7 @@ class Store:
         """Return the description of the job in a result or failure; InputError if the file has none."""
         if path.parent == self.failures:
             return _record(JobFailure, _read(path), path).description
-        result = _record(StoredResult, _read(path), path)
-        return _description({} if result.provenance is None else result.provenance.configuration, path)
+        return _description(_record(StoredResult, _read(path), path).provenance, path)
 
     def workers(self) -> tuple[WorkerRecord, ...]:
         """Return the workers of all runs."""
@@ -186,7 +176,7 @@ class Store:
 
     def add_workers(self, records: Sequence[WorkerRecord]) -> None:
         """Add the workers of a run to those of earlier runs."""
-        write_text(json_line([*self.workers(), *records]), self.folder / WORKERS)
+        _write(json_line([*self.workers(), *records]), self.folder / WORKERS)
 
     def state(self, job: Job) -> JobState:
         """Return the state of a job.
@@ -206,7 +196,7 @@ class Store:
         path = self.results / f"{job.key}.json"
         content = _read(path)
         score = from_dict(content, f"'{path}'", needs_hash=True, advice=ADVICE)
-        description = _description({} if score.provenance is None else score.provenance.configuration, path)
+        description = _description(score.provenance, path)
         if description.key != job.key:
             raise InputError(f"'{path}' is the result of '{description.source}', not of '{job.label}': {ADVICE}")
         inputs = {} if score.provenance is None else score.provenance.inputs
@@ -224,19 +214,18 @@ class Store:
 
     def save(self, job: Job, outcome: JobOutcome) -> None:
         """Save the outcome of a job atomically."""
-        self._make_folders()
         failed = self.failures / f"{job.key}.json"
         if outcome.cause is None:
-            write_text(outcome.result or "", self.results / f"{job.key}.json")
+            _write(outcome.result or "", self.results / f"{job.key}.json")
             failed.unlink(missing_ok=True)
             return
-        write_text(json_line(JobFailure.of(job, outcome.cause, outcome.message)), failed)
+        _write(json_line(JobFailure.of(job, outcome.cause, outcome.message)), failed)
 
 
-def _description(configuration: Mapping[str, object], path: Path) -> JobDescription:
+def _description(provenance: Provenance | None, path: Path) -> JobDescription:
     """Return the description of the job in the provenance of a result; InputError if the result names no job."""
     with refusing(f"cannot read '{path}'", ADVICE):
-        description = JobDescription.from_provenance(configuration)
+        description = JobDescription.from_provenance({} if provenance is None else provenance.configuration)
     if not description.key:
         raise InputError(f"'{path}' does not name its job ({PROVENANCE_PREFIX}key in its provenance): {ADVICE}")
     return description
@@ -248,6 +237,12 @@ def _left_over(source: str, path: Path) -> Refusal:
         source,
         f"'{source}' was run ({where}) but is no longer part of the suite: add it to the suite, or delete this file",
     )
+
+
+def _write(text: str, path: Path) -> None:
+    """Write a file atomically, in a folder that is created if it does not exist."""
+    make_folder(path.parent, FOLDER_ADVICE)
+    write_text(text, path)
 
 
 def _record(kind: type[T], value: object, path: Path) -> T:

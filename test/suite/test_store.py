@@ -89,6 +89,7 @@ def test_a_failed_job_cannot_be_removed_from_a_suite(removed: str, tmp_path: Pat
 def test_a_damaged_file_of_no_job_is_refused(folder: str, tmp_path: Path) -> None:
     store = Store(tmp_path)
     save_jobs(store, [JOB])
+    (tmp_path / folder).mkdir()
     (tmp_path / folder / "other.json").write_text("[]")
     with pytest.raises(
         InputError, match=r"cannot read '.*other\.json': Expected `object`, got `array`; delete this file"
@@ -101,6 +102,7 @@ def test_a_failure_without_a_description_is_refused(tmp_path: Path) -> None:
     store = Store(tmp_path)
     save_jobs(store, [JOB])
     failure = {"key": "other", "label": "localise c", "source": "c.mcap", "cause": "bad input", "message": "cut off"}
+    store.failures.mkdir()
     (store.failures / "other.json").write_text(json.dumps(failure))
     with pytest.raises(InputError, match="missing required field `description`; delete this file"):
         store.left_over()
@@ -245,6 +247,7 @@ def test_a_damaged_file_of_a_suite_is_refused_in_one_line(tmp_path: Path, name: 
     store = Store(tmp_path)
     save_jobs(store, [JOB])
     store.save(JOB, result_of(JOB))
+    (tmp_path / name).parent.mkdir(exist_ok=True)
     (tmp_path / name).write_bytes(text.encode("latin-1"))
     with pytest.raises(InputError, match=r"^cannot read '.*json': [^\n]*; delete this file and run the suite again$"):
         summarise(Store(tmp_path))

@@ -23,27 +23,12 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.figures.catalogue import KINDS
-from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.suite.jobs.job import Job
 from sfr_loc_map.suite.planning.variants import ALL, NONE, error_sources_of, variant_name
 from sfr_loc_map.suite.statistics.pooling import rows_by_axis
 from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights, half_width
 from sfr_loc_map.suite.statistics.scored_job import ScoredJob
-
-
-@dataclass(frozen=True, slots=True)
-class DriveErrors:
-    """Errors of the sub-trajectories of a drive: their number, and mean and sigma by axis `(3,)`, m."""
-
-    n: int
-    mean: FloatArray
-    sigma: FloatArray  #: Standard deviation with the divisor n - 1.
-
-    @property
-    def sums(self) -> FloatArray:
-        """Additive moments `(7,)`: number, sums by axis, sums of squares by axis."""
-        squares = self.n * np.square(self.mean) + (self.n - 1) * np.square(self.sigma)
-        return np.concatenate([[self.n], self.n * self.mean, squares])
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,19 +68,19 @@ class Budget:
 def budget_of(
     error_sources: Sequence[str],
     condition: str,
-    errors: Mapping[str, Mapping[str, DriveErrors]],
+    sums: Mapping[str, Mapping[str, FloatArray]],
     *,
     configuration: str = "default",
 ) -> Budget:
-    """Return the budget of errors by variant and drive; drives that lack a variant are omitted.
+    """Return the budget of the `sums_of_errors` of each variant and drive; drives that lack a variant are omitted.
 
     `error_sources` are the names of the sources of error, in the order of the suite's file.
     """
     alone_in = {name: variant_name({name}, error_sources) for name in error_sources}
     missing_in = {name: variant_name(set(error_sources) - {name}, error_sources) for name in error_sources}
     needed = list(dict.fromkeys([ALL, NONE, *alone_in.values(), *missing_in.values()]))
-    begun = sorted({drive for name in needed for drive in errors.get(name, {})})
-    drives = [drive for drive in begun if all(drive in errors.get(name, {}) for name in needed)]
+    begun = sorted({drive for name in needed for drive in sums.get(name, {})})
+    drives = [drive for drive in begun if all(drive in sums.get(name, {}) for name in needed)]
     if not drives:
         rows = [row_with_fraction(name, BudgetFigure()) for name in error_sources]
         return Budget(
@@ -109,7 +94,7 @@ def budget_of(
             total=BudgetFigure(),
         )
     drawn = _weights(len(drives))
-    moments = {name: _moments(drawn @ np.array([errors[name][drive].sums for drive in drives])) for name in needed}
+    moments = {name: _moments(drawn @ np.array([sums[name][drive] for drive in drives])) for name in needed}
     whole, none = moments[ALL], moments[NONE]
     rest = none.mean_square / whole.mean_square
     total = rest.copy()
@@ -151,7 +136,7 @@ class _Moments(NamedTuple):
 
 
 def _moments(sums: FloatArray) -> _Moments:
-    """Return the moments of weighted sums `(1 + R, 7)` of `DriveErrors.sums`."""
+    """Return the moments of weighted `sums_of_errors` `(1 + R, 7)`."""
     count, total, squares = sums[:, :1], sums[:, 1:4], sums[:, 4:]
     mean = total / count
     variance = (squares - count * np.square(mean)) / np.maximum(count - 1.0, 1.0)
@@ -187,17 +172,21 @@ def budgets_of(results: Sequence[ScoredJob], planned: Sequence[Job]) -> Iterator
     for configuration in dict.fromkeys(result.job.configuration for result in results):
         used = [result for result in results if result.job.configuration == configuration and result.job.repeat == 0]
         for condition in dict.fromkeys(condition for result in used for condition in result.score.conditions):
-            errors: dict[str, dict[str, DriveErrors]] = {}
+            sums: dict[str, dict[str, FloatArray]] = {}
             for result in used:
-                found = _drive_errors(result.score, condition)
-                if found is not None:
-                    errors.setdefault(result.job.variant, {})[result.job.source.name] = found
-            yield budget_of(error_sources, condition, errors, configuration=configuration)
+                rows = rows_by_axis(result.score, KINDS["position"], condition)
+                if rows and all(row.mean is not None and row.sigma is not None for row in rows):  # two errors or more
+                    sums.setdefault(result.job.variant, {})[result.job.source.name] = sums_of_errors(rows)
+            yield budget_of(error_sources, condition, sums, configuration=configuration)
 
 
-def _drive_errors(score: Score, condition: str) -> DriveErrors | None:
-    """Return the position errors of a drive for a condition; None for fewer than two sub-trajectories."""
-    rows = rows_by_axis(score, KINDS["position"], condition)
-    if not rows or any(row.mean is None or row.sigma is None for row in rows):
-        return None
-    return DriveErrors(rows[0].n or 0, np.array([row.mean for row in rows]), np.array([row.sigma for row in rows]))
+def sums_of_errors(rows: Sequence[Figure]) -> FloatArray:
+    """Return the additive moments `(7,)` of a drive: number of errors, sums by axis, sums of squares by axis.
+
+    `rows` are the statistics of the errors along each axis, in m.
+    """
+    n = rows[0].n or 0
+    mean = np.array([row.mean for row in rows], np.float64)
+    sigma = np.array([row.sigma for row in rows], np.float64)  # with the divisor n - 1
+    squares = n * np.square(mean) + (n - 1) * np.square(sigma)
+    return np.concatenate([[n], n * mean, squares])

@@ -38,14 +38,11 @@ class Group(Struct, frozen=True, kw_only=True):
         return GroupKey(self.task, self.configuration, self.alteration)
 
 
-def groups_of(
-    results: Sequence[ScoredJob], limits: Limits | None, unfinished: Sequence[Job] = (), *, is_pooled: bool = True
-) -> Iterator[Group]:
+def groups_of(results: Sequence[ScoredJob], limits: Limits | None, unfinished: Sequence[Job] = ()) -> Iterator[Group]:
     """Yield the groups of results in the order of their first occurrence.
 
     Within a group, results are sorted by the hashes of their drives and jobs, so that figures and verdicts do not
     depend on the order of the suite's file. `unfinished` are the jobs without a result.
-    Without `is_pooled`, the groups have no pooled errors, which the verdicts of sequential tests do not need.
     """
     suite_tasks = {task for result in results for task in tasks_of(result.score)}
     several = len(undeclared_items_in(results))
@@ -57,7 +54,7 @@ def groups_of(
         conditions = list(dict.fromkeys(condition for score in scores for condition in score.conditions))
         of_drives = [result.of_drive for result in in_group]
         suite_items = several if key.task == JobTask.SCORE else 0
-        pooled = tuple(row for condition in conditions for row in pool(of_drives, condition)) if is_pooled else ()
+        pooled = tuple(row for condition in conditions for row in pool(of_drives, condition))
         yield Group(
             task=key.task,
             configuration=key.configuration,
@@ -78,17 +75,12 @@ def by_group(results: Sequence[ScoredJob]) -> dict[GroupKey, list[ScoredJob]]:
     return members
 
 
-def planned_groups_of(jobs: Sequence[Job]) -> tuple[GroupKey, ...]:
-    """Return the groups of planned jobs, in the order of their first occurrence."""
-    return tuple(dict.fromkeys(job.group for job in jobs))
-
-
-def are_decided(groups: Sequence[Group], planned: Collection[GroupKey]) -> bool:
-    """Return whether sequential tests have decided all limits of the planned groups.
+def are_decided(groups: Collection[Group], jobs: Sequence[Job]) -> bool:
+    """Return whether sequential tests have decided all limits of the planned jobs, so that no more drives are required.
 
     A planned group without a result is undecided.
     """
-    has_all_groups = {group.key for group in groups}.issuperset(planned)
+    has_all_groups = {group.key for group in groups}.issuperset(job.group for job in jobs)
     items = [item for group in groups for item in group.verdicts]
     return bool(has_all_groups and items) and all(
         item.proof is not None
@@ -96,10 +88,3 @@ def are_decided(groups: Sequence[Group], planned: Collection[GroupKey]) -> bool:
         and item.state in (VerdictState.PASS, VerdictState.FAIL)
         for item in items
     )
-
-
-def is_suite_decided(jobs: Sequence[Job], results: Sequence[ScoredJob], limits: Limits | None) -> bool:
-    """Return whether sequential tests have decided all limits of a suite, so no more drives are required."""
-    finished = {result.job.key for result in results}
-    unfinished = [job for job in jobs if job.key not in finished]
-    return are_decided([*groups_of(results, limits, unfinished, is_pooled=False)], planned_groups_of(jobs))

@@ -7,8 +7,8 @@ whole drives, because errors within one drive are not independent.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -32,11 +32,8 @@ class DriveScore(NamedTuple):
     source_sha256: str = ""  #: Hash of the source, which differs between copies of one drive.
 
 
-class DriveRows(NamedTuple):
-    """A figure of a result: the rows of its axes, or the judged row of a figure without axes."""
-
-    drive_key: str
-    rows: Sequence[Figure]
+AxisRows: TypeAlias = Sequence[Figure]
+"""A figure of a result: the rows of its axes, or the judged row of a figure without axes."""
 
 
 def pool(results: Sequence[DriveScore], condition: str) -> Iterator[Figure]:
@@ -49,27 +46,27 @@ def pool(results: Sequence[DriveScore], condition: str) -> Iterator[Figure]:
         if kind.subject is not Subject.TRAJECTORY:
             continue
         with_figure = [result for result in results if result.score.rows(kind.name, condition=condition)]
-        by_source: dict[tuple[str, str], list[DriveRows]] = {}
+        by_source: dict[tuple[str, str], list[AxisRows]] = {}
         for result in with_figure:
             rows = rows_by_axis(result.score, kind, condition)
             if rows and all(row.mean is not None and (row.n or 0) > 0 for row in rows):
-                repeats = by_source.setdefault((result.drive_key, result.source_sha256), [])
-                repeats.append(DriveRows(result.drive_key, rows))
+                by_source.setdefault((result.drive_key, result.source_sha256), []).append(rows)
         if with_figure:
-            yield pooled_row(kind.name, condition, _without_copies(kind.name, condition, by_source.values()))
+            yield pooled_row(kind.name, condition, _without_copies(kind.name, condition, by_source))
 
 
-def _without_copies(figure: str, condition: str, sources: Iterable[Sequence[DriveRows]]) -> list[DriveRows]:
-    """Return the rows of the results, given for each source. Of the sources of a drive, the worst is used."""
-    worst: dict[str, tuple[float, Sequence[DriveRows]]] = {}
-    for repeats in sources:
-        drive_key, rows = repeats[0]
-        size = pooled_row(figure, condition, repeats).mean_plus_3sigma
+def _without_copies(
+    figure: str, condition: str, by_source: Mapping[tuple[str, str], Sequence[AxisRows]]
+) -> dict[str, Sequence[AxisRows]]:
+    """Return the results of the worst source of each drive. The repeats are given by drive and source."""
+    worst: dict[str, tuple[float, Sequence[AxisRows]]] = {}
+    for (drive_key, _), repeats in by_source.items():
+        size = pooled_row(figure, condition, {drive_key: repeats}).mean_plus_3sigma
         if size is None:
-            size = float(np.linalg.norm([row.mean or 0.0 for row in rows]))
+            size = float(np.linalg.norm([row.mean or 0.0 for row in repeats[0]]))
         if drive_key not in worst or size > worst[drive_key][0]:
             worst[drive_key] = size, repeats
-    return [result for _, repeats in worst.values() for result in repeats]
+    return {drive_key: repeats for drive_key, (_, repeats) in worst.items()}
 
 
 def rows_by_axis(score: Score, kind: FigureKind, condition: str) -> list[Figure]:
@@ -85,30 +82,30 @@ def rows_by_axis(score: Score, kind: FigureKind, condition: str) -> list[Figure]
     return found if len(found) == len(rows) else []
 
 
-def pooled_row(figure: str, condition: str, results: Sequence[DriveRows]) -> Figure:
-    """Return mean, sigma and mean + 3 sigma of all values of the results.
+def pooled_row(figure: str, condition: str, drives: Mapping[str, Sequence[AxisRows]]) -> Figure:
+    """Return mean, sigma and mean + 3 sigma of all values of the results, which are given for each drive.
 
     The row has no quantiles, because the quantiles of all values do not follow from the quantiles of the drives. The
     interval resamples drives, each with all of its results. `independent` is the number of drives.
     """
-    drive_keys = dict.fromkeys(result.drive_key for result in results)
-    numbers = {drive_key: number for number, drive_key in enumerate(drive_keys)}
-    many = len(numbers)
-    count = np.array([float(result.rows[0].n or 0) for result in results])
+    results = [rows for of_drive in drives.values() for rows in of_drive]
+    many = len(drives)
+    count = np.array([float(rows[0].n or 0) for rows in results])
     total = int(count.sum())
     if not results:
         return figure_row(figure, condition, POOLED, n=0, independent=0)
-    means = np.array([[row.mean for row in result.rows] for result in results], np.float64)
+    means = np.array([[row.mean for row in rows] for rows in results], np.float64)
     if total < 2:
         return figure_row(figure, condition, POOLED, n=total, independent=many)
-    sigmas = np.array([[row.sigma or 0.0 for row in result.rows] for result in results], np.float64)
+    sigmas = np.array([[row.sigma or 0.0 for row in rows] for rows in results], np.float64)
     squares = np.square(sigmas) * (count[:, None] - 1.0)
     mean, sigma = (float(values[0]) for values in _pooled(count, means, squares, np.ones((1, len(count)))))
     found: dict[str, Any] = {"mean": mean, "sigma": sigma, "mean_plus_3sigma": mean_plus_3sigma(mean, sigma)}
     if means.shape[1] == 1:  # the mean of a scalar figure keeps its sign
         found["mean"] = float(count @ means[:, 0]) / total
     if many >= MIN_DRIVES and found["mean_plus_3sigma"] > 0.0:
-        weights = drawn_weights(many)[:, [numbers[result.drive_key] for result in results]]
+        numbers = np.repeat(np.arange(many), [len(of_drive) for of_drive in drives.values()])  # drive of each result
+        weights = drawn_weights(many)[:, numbers]
         drawn_means, drawn_sigmas = _pooled(count, means, squares, weights)
         logs = np.log(np.maximum(mean_plus_3sigma(drawn_means, drawn_sigmas), 1e-300))
         factor = float(np.exp(half_width(logs, many)))

@@ -15,14 +15,14 @@ from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_plain
-from sfr_loc_map.suite.jobs.job import GroupKey, Job
+from sfr_loc_map.suite.jobs.job import Job
 from sfr_loc_map.suite.jobs.job_outcome import JobFailure, JobState, WorkerRecord
 from sfr_loc_map.suite.planning.specification import Refusal
 from sfr_loc_map.suite.statistics.budget import Budget, budgets_of
 from sfr_loc_map.suite.statistics.common_deviations import CommonDeviation, common_deviations
 from sfr_loc_map.suite.statistics.figures import ComparedFigure, figures_of
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict
-from sfr_loc_map.suite.statistics.groups import Group, are_decided, groups_of, planned_groups_of
+from sfr_loc_map.suite.statistics.groups import Group, are_decided, groups_of
 from sfr_loc_map.suite.statistics.scored_job import ResultReader, ScoredJob
 from sfr_loc_map.suite.store import Store
 
@@ -64,7 +64,7 @@ class Summary:
     run: Mapping[str, object] = field(default_factory=dict)  #: Commit, branch and date of the code; host and time.
     budgets: tuple[Budget, ...] = ()  #: Error budgets, by configuration and condition.
     waiting_jobs: tuple[str, ...] = ()  #: Labels of the jobs that were not run yet.
-    planned_groups: tuple[GroupKey, ...] = ()  #: Groups of all planned jobs, also groups without a result.
+    is_decided: bool = False  #: Whether sequential tests have decided all limits, so that no more drives are required.
     copies: tuple[tuple[str, ...], ...] = ()  #: Names of the sources that are copies or parts of one drive.
     replaced_truths: tuple[ReplacedTruth, ...] = ()
     deviations: tuple[CommonDeviation, ...] = ()
@@ -106,11 +106,6 @@ class Summary:
         limits = self.limits or Limits()
         rules = Limits(minimum_count=limits.minimum_count, minimum_independent=limits.minimum_independent)
         return Score(figures=group.figures, verdicts=group.verdicts, rules=rules)
-
-    @property
-    def is_decided(self) -> bool:
-        """Whether sequential tests have decided all limits, so no more drives are required."""
-        return are_decided(self.groups, self.planned_groups)
 
     @property
     def not_run(self) -> tuple[str, ...]:
@@ -161,8 +156,9 @@ def summarise(store: Store, reader: ResultReader | None = None) -> Summary:
         in_state[store.state(job)].append(job)
     results = reader.results_of(in_state[JobState.DONE])
     unfinished = [*in_state[JobState.FAILED], *in_state[JobState.WAITING]]
+    groups = tuple(groups_of(results, reader.limits, unfinished))
     return Summary(
-        groups=tuple(groups_of(results, reader.limits, unfinished)),
+        groups=groups,
         results=tuple(results),
         failures=tuple(store.failure(job) for job in in_state[JobState.FAILED]),
         refusals=(*plan.refusals, *store.left_over()),
@@ -171,7 +167,7 @@ def summarise(store: Store, reader: ResultReader | None = None) -> Summary:
         run=to_plain(plan.run),
         budgets=tuple(budgets_of(results, jobs)),
         waiting_jobs=tuple(job.label for job in in_state[JobState.WAITING]),
-        planned_groups=planned_groups_of(jobs),
+        is_decided=are_decided(groups, jobs),
         copies=tuple(copies_in(jobs)),
         replaced_truths=replaced_truths_in(results),
         deviations=common_deviations(results),

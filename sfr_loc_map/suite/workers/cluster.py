@@ -1,8 +1,8 @@
 """Runs jobs on Dask: on worker processes of this machine, or on a running cluster.
 
-Dask starts the processes, replaces a process that exceeds its memory limit, and repeats a job after an error or after
-the death of its worker. This module adds the time limit of a job, the check that a worker has the code of the client,
-and the cause of a failure.
+Dask starts the processes, replaces a process that exceeds its memory limit, and repeats a job after the death of its
+worker. An error fails a job at once, because a job is a pure function of its inputs. This module adds the time limit of
+a job, the check that a worker has the code of the client, and the cause of a failure.
 
 A Dask plugin compares the digest of the code once for each run, on the present workers and on those that join later. A
 worker with the code of the client offers a resource that the jobs require, so that Dask assigns jobs only to such
@@ -37,7 +37,7 @@ from sfr_loc_map.suite.workers.worker import OVER_TIME, run_on_worker
 if TYPE_CHECKING:
     from distributed import Client, Future, WorkerPlugin
 
-TRIES = 3  #: Number of errors, or of deaths of its worker, after which a job has failed.
+TRIES = 3  #: Number of deaths of its worker after which a job has failed.
 JOINED = "sfr-joined"  #: Topic of the event by which a worker reports its code.
 OVER_MEMORY = "worker-restart-memory"  #: Topic of the event by which the Dask nanny reports an exceeded memory limit.
 EVENT_S = 2.0  #: Maximum delay, s, of an event after the end of its worker.
@@ -253,7 +253,6 @@ def run_jobs(jobs: Sequence[Job], workers: SuiteWorkers, cache: Path) -> Generat
                 *(job, workers.settings.timeout_s, str(cache.absolute())),
                 key=(f"sfr-{job.task}", job.key, time.time_ns()),
                 resources={workers.resource: 1},
-                retries=TRIES - 1,
                 pure=False,
             )
             submitted[future] = job

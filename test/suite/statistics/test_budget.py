@@ -8,22 +8,29 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.metrics.figures.rows import figure_row
 from sfr_loc_map.suite.planning.variants import ErrorSource, variants_of
-from sfr_loc_map.suite.statistics.budget import Budget, DriveErrors, budget_of
+from sfr_loc_map.suite.statistics.budget import Budget, budget_of, sums_of_errors
 
 PIECES = 10  #: Sub-trajectories of a drive.
 SIGMAS = {"noise": np.array([3.0, 1.0, 1.0]), "blur": np.array([1.0, 1.0, 1.0]), "light": np.array([0.3, 0.3, 0.3])}
 REST = np.array([0.5, 0.5, 0.5])
 
 
-def drive_errors(errors: FloatArray) -> DriveErrors:
-    return DriveErrors(len(errors), errors.mean(axis=0), errors.std(axis=0, ddof=1))
+def sums_of(errors: FloatArray) -> FloatArray:
+    statistics = {axis: (column.mean(), column.std(ddof=1)) for axis, column in zip("xyz", errors.T, strict=True)}
+    return sums_of_errors(
+        [
+            figure_row("position", "distance=5", axis, n=len(errors), mean=mean, sigma=sigma)
+            for axis, (mean, sigma) in statistics.items()
+        ]
+    )
 
 
 def made_budget(seed: int, drives: int, sigmas: Mapping[str, FloatArray] = SIGMAS, coupling: float = 0.0) -> Budget:
     """Return the budget of drives whose sources add independent errors, and together `coupling` times their product."""
     rng = np.random.default_rng(seed)
-    found: dict[str, dict[str, DriveErrors]] = {}
+    found: dict[str, dict[str, FloatArray]] = {}
     for drive in range(drives):
         own = {name: rng.normal(size=(PIECES, 3)) * sigma for name, sigma in sigmas.items()}
         rest = rng.normal(size=(PIECES, 3)) * REST
@@ -32,7 +39,7 @@ def made_budget(seed: int, drives: int, sigmas: Mapping[str, FloatArray] = SIGMA
             errors = rest + sum(active, np.zeros((PIECES, 3)))
             if len(active) > 1:
                 errors = errors + coupling * active[0] * active[1]
-            found.setdefault(variant.name, {})[str(drive)] = drive_errors(errors)
+            found.setdefault(variant.name, {})[str(drive)] = sums_of(errors)
     return budget_of(list(sigmas), "distance=5", found)
 
 
@@ -81,7 +88,7 @@ def test_two_sources_share_their_variants() -> None:
 
 def test_few_drives_have_no_interval_and_a_drive_without_a_variant_is_left_out() -> None:
     assert made_budget(4, drives=4).total.ci95 is None
-    errors = drive_errors(np.ones((PIECES, 3)) + np.arange(PIECES)[:, None])
+    errors = sums_of(np.ones((PIECES, 3)) + np.arange(PIECES)[:, None])
     found = {variant.name: {"a": errors} for variant in variants_of([ErrorSource("one"), ErrorSource("two")])}
     found["all sources"]["b"] = errors
     budget = budget_of(["one", "two"], "distance=5", found)

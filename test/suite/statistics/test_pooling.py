@@ -16,7 +16,7 @@ from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.trajectory.trajectory_errors import error_figures
 from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
-from sfr_loc_map.suite.statistics.pooling import DriveRows, DriveScore, pool, pooled_row
+from sfr_loc_map.suite.statistics.pooling import DriveScore, pool, pooled_row
 
 
 def rows_of(values: np.ndarray) -> list[Figure]:
@@ -28,9 +28,10 @@ def rows_of(values: np.ndarray) -> list[Figure]:
 
 
 def pooled(drives: list[np.ndarray], names: list[str]) -> Figure:
-    return pooled_row(
-        "position", "distance=5", [DriveRows(name, rows_of(values)) for name, values in zip(names, drives, strict=True)]
-    )
+    of_drives: dict[str, list[list[Figure]]] = {}
+    for name, values in zip(names, drives, strict=True):
+        of_drives.setdefault(name, []).append(rows_of(values))
+    return pooled_row("position", "distance=5", of_drives)
 
 
 @settings(max_examples=20)
@@ -70,7 +71,7 @@ def test_the_interval_holds_the_true_figure_nine_times_in_ten_at_least() -> None
 
 def test_the_mean_of_a_signed_figure_over_drives_keeps_its_sign() -> None:
     left, right = (figure_row("heading", "distance=5", "pose", n=10, mean=mean, sigma=0.1) for mean in (-0.4, 0.2))
-    row = pooled_row("heading", "distance=5", [DriveRows("a", [left]), DriveRows("b", [right])])
+    row = pooled_row("heading", "distance=5", {"a": [[left]], "b": [[right]]})
     assert row.mean == pytest.approx(-0.1)
     assert row.mean_plus_3sigma == pytest.approx(0.1 + 3.0 * row.sigma)
 

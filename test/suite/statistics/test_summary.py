@@ -22,7 +22,7 @@ from sfr_loc_map.suite.jobs.job import Job, JobTask
 from sfr_loc_map.suite.jobs.job_outcome import JobOutcome
 from sfr_loc_map.suite.pages.tables import suite_tables
 from sfr_loc_map.suite.planning.specification import Refusal
-from sfr_loc_map.suite.statistics.groups import is_suite_decided
+from sfr_loc_map.suite.run import PlannedRun
 from sfr_loc_map.suite.statistics.scored_job import ResultReader
 from sfr_loc_map.suite.statistics.summary import summarise
 from sfr_loc_map.suite.store import Store
@@ -44,14 +44,14 @@ def test_a_planned_group_without_a_result_is_undecided(tmp_path: Path) -> None:
     store = Store(tmp_path)
     save_jobs(store, [*clean, *faulty], limits=limits)
     parsed = parse_limits(limits, "limits")
-    reader = ResultReader(store, parsed)
+    planned = PlannedRun(plan=store.plan, reader=ResultReader(store, parsed), jobs=())
     states = []
     config = TrajectoryScoreConfig(conditions=("distance=5",))
     drives = [drive(number, count=60) for number in range(len(sources))]
     scores = [score_of(estimate, truth, config) for truth, estimate in drives]
     for job, score in zip((*clean, *faulty), scores * 2, strict=True):
         save_score(store, job, score)
-        states.append(is_suite_decided(store.plan.jobs, reader.results_of(store.plan.jobs), parsed))
+        states.append(planned.is_decided())
         if job is clean[-1]:
             found = summarise(store)
             assert [item.state for item in found.on_limits] == ["pass"]
@@ -124,11 +124,11 @@ def test_a_run_reads_each_result_once(tmp_path: Path, monkeypatch: pytest.Monkey
 
     save(jobs[0])
     monkeypatch.setattr(Store, "score", counted)
-    reader = ResultReader(store, None)
+    planned = PlannedRun(plan=store.plan, reader=ResultReader(store, None), jobs=())
     for job in jobs[1:]:
         save(job)
-        assert not is_suite_decided(jobs, reader.results_of(jobs), None), "no limit is decided"
-    summarise(store, reader=reader)
+        assert not planned.is_decided(), "no limit is decided"
+    summarise(store, reader=planned.reader)
     assert read == [job.key for job in jobs]
 
 
