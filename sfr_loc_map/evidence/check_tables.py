@@ -8,6 +8,7 @@ as `figures.3.value`.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from sfr_loc_map.errors import InputError
@@ -214,7 +215,8 @@ def check_tables(figures: Sequence[Figure], advice: Mapping[str, str]) -> list[T
     return [table for table in tables if table.rows]
 
 
-class OffsetRow(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class OffsetRow:
     """A figure of the calibration table."""
 
     figure: Figure
