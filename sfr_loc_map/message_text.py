@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 MAX_MESSAGE = 600  #: Maximum length of a message, characters. The middle of a longer text is omitted.
 _TAIL = 200
+_NUMBER = re.compile(r"-?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?")
 _UNPRINTABLE = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufeff\ufffe\uffff]"
 )
@@ -32,6 +33,11 @@ def alternatives(names: Iterable[str]) -> str:
 def counted(count: int, noun: str) -> str:
     """Return a number of things, as in `1 pair` or `2 pairs`."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def kind_of(text: str) -> str:
+    """Return a message without its numbers: the same for messages of one kind about different stamps or values."""
+    return _NUMBER.sub("", text)
 
 
 def one_line(text: str) -> str:

@@ -15,7 +15,7 @@ from sfr_loc_map.metrics.figures.records import ConventionRecord, MethodRecord, 
 from sfr_loc_map.metrics.figures.results import CallsResult, MapResult, TrajectoryResult
 from sfr_loc_map.metrics.judging.incomplete import incompleteness, text_of
 from sfr_loc_map.metrics.judging.judge import judged_by
-from sfr_loc_map.metrics.score.caveats import reading_caveats
+from sfr_loc_map.metrics.score.caveats import copies_caveat, reading_caveats
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_plain
@@ -85,6 +85,7 @@ def _warnings(judged: Score, run: Run, of_results: Sequence[str], unjudged: Sequ
     yield from _convention_warnings(judged.convention)
     yield from of_results
     yield from judged.caveats
+    yield from filter(None, [copies_caveat(judged)])
     yield from _process_warnings(judged.method, run)
     yield from _partial_warnings(judged)
     yield from reading_caveats(judged)

@@ -46,6 +46,8 @@ ESTIMATES_OF_PART = 20  #: Mean number of estimates in a part of a drive whose r
 MAX_UNEVEN = 0.05
 """Largest accepted fraction of the estimates by which the denser parts of a drive exceed their fraction of the time. A
 rate that doubles in half of the drive has an excess of 1/6."""
+MOVED_M = 1.0  #: Extent of an estimate, m, from which on a stationary truth is reported.
+STATIONARY_SHARE = 0.01  #: Largest extent of a stationary truth, as a fraction of the extent of the estimate.
 MAX_PIXEL_OFFSET = 5.0  #: Maximum typical reprojection error of points, px. Matching errors are smaller.
 
 
@@ -83,6 +85,7 @@ def trajectory_result(
     )
     warnings = [] if finding is None else [finding.text]
     warnings += _sparse_truth(drive, scored.association)
+    warnings += _stationary_truth(drive)
     warnings += truth_caveats(scored.truth)
     caveats = (*drive.caveats, *_uneven_estimates(drive, scored.association))
     contradiction = finding.text if finding is not None and finding.prevents_verdict else None
@@ -118,6 +121,17 @@ def _sparse_truth(drive: DriveToScore, association: Association) -> Iterator[str
             f"the truth has only {association.truth_poses} poses for {expected} {what}: only these are scored, errors "
             "between them are not in the figures, and --spacing and conditions of frames count true poses; sfr score "
             "--frames images interpolates the truth to every image"
+        )
+
+
+def _stationary_truth(drive: DriveToScore) -> Iterator[str]:
+    """Yield a warning if the true positions do not change although the estimate moves."""
+    paths = (drive.estimates.trajectory.positions, drive.truth.positions)
+    estimated_m, true_m = (float(np.ptp(path, axis=0).max()) if len(path) else 0.0 for path in paths)
+    if estimated_m > MOVED_M and true_m < STATIONARY_SHARE * estimated_m:
+        yield (
+            f"the ground truth moves by {true_m:.3g} m, the estimate by {estimated_m:.3g} m: verify that the ground "
+            "truth tracks the rover"
         )
 
 

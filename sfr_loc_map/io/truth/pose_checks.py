@@ -29,6 +29,7 @@ _log = logging.getLogger(__name__)
 MAX_SPEED_M_PER_S = 100.0  #: Largest speed of a vehicle with cameras; cars, trains and racing drones are slower.
 MIN_JUMP_M = 1.0  #: Smallest jump, m. Smaller jumps may be position noise at two nearly equal stamps.
 JUMPS_PER_STEP = 20.0  #: Smallest ratio of a jump to the median step of the path: rovers pause and accelerate.
+SHORTEST_STEP_S = 1e-3  #: Smallest time between two poses for the speed of a step, s.
 MIN_POSITIONS = 4  #: Smallest number of positions for the detection of jumps.
 SAME_ATTITUDE = 1e-6  #: Largest quaternion component x or y if roll and pitch are zero; files round to 1e-6.
 HELD_ATTITUDE = 5e-4  #: Largest change of a component of a constant quaternion: 0.06 deg, less than any vehicle.
@@ -71,6 +72,26 @@ def jumping_positions(stamps_ns: IntArray, positions: FloatArray) -> Mask:
                 reachable[row] = True
                 last = row
     return ~reachable
+
+
+def largest_jump(stamps_ns: IntArray, positions: FloatArray) -> str:
+    """Return a finding about the largest jump between positions `(N, 3)`, m; empty if there is none.
+
+    A jump exceeds `MIN_JUMP_M`, and its speed exceeds `JUMPS_PER_STEP` times the speed of nearly all other steps.
+    """
+    if len(positions) < MIN_POSITIONS:
+        return ""
+    steps_m = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    steps_s = np.maximum(np.abs(np.diff(stamps_ns)) / NS_PER_S, SHORTEST_STEP_S)
+    speeds = steps_m / steps_s
+    is_jump = (steps_m > MIN_JUMP_M) & (speeds > JUMPS_PER_STEP * np.quantile(speeds, 1.0 - MAX_INVALID))
+    if not is_jump.any():
+        return ""
+    row = int(np.argmax(np.where(is_jump, steps_m, 0.0)))
+    return (
+        f"the positions jump {int(is_jump.sum())} times, by up to {steps_m[row]:.3g} m in {steps_s[row]:.3g} s: verify "
+        "that all poses are of one body in one frame"
+    )
 
 
 def are_too_fast(stamps_ns: IntArray, positions: FloatArray) -> bool:
@@ -155,6 +176,8 @@ def possible_poses(poses: Trajectory) -> tuple[Mask, tuple[str, ...]]:
         text = f"poses require speeds of more than {MAX_SPEED_M_PER_S:g} m/s: ignored"
         findings.append(f"{_of(jumping)} {text}")
         kept[rows[jumping]] = False
+    if not is_ambiguous and (jump := largest_jump(poses.stamps_ns[kept], poses.positions[kept])):
+        findings.append(jump)
     if is_ambiguous or are_too_fast(poses.stamps_ns[kept], poses.positions[kept]):
         findings.append(
             f"more than {100.0 * MAX_INVALID:g} % of the poses require speeds of more than {MAX_SPEED_M_PER_S:g} m/s "

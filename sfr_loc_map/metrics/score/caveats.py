@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from sfr_loc_map.metrics.completeness.shortfall_kinds import COPIES_MOST, OF_TRUTH
 from sfr_loc_map.metrics.conditions import label_of
 from sfr_loc_map.metrics.figures.records import TruthRecord
 from sfr_loc_map.metrics.score.score import Score
@@ -43,6 +44,14 @@ def truth_caveats(about: TruthRecord) -> Iterator[str]:
             f"{100.0 * about.path_excess:.3g} %: a sub-trajectory distance=METRES ends too early; give the condition "
             "displacement=METRES, or a smoothed truth"
         )
+
+
+def copies_caveat(score: Score) -> str:
+    """Return a warning if the estimate is a copy of the truth and no limits judge this; empty otherwise."""
+    share = score.number("poses_of_truth")
+    if score.verdicts or share is None or share <= COPIES_MOST:
+        return ""
+    return f"{100.0 * share:.3g} % of the steps {OF_TRUTH}"
 
 
 def reading_caveats(score: Score) -> Iterator[str]:

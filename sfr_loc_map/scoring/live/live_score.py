@@ -45,6 +45,7 @@ class LiveRun:
     discarded: tuple[DiscardedInterval, ...] = ()  #: The latest of these intervals, at most `MAX_LISTED`.
     #: Number of estimates that were published before the first that the node received, as after a restart of the node.
     missed_estimates: int = 0
+    mixed: tuple[str, ...] = ()  #: Topics on which the messages of several publishers alternated.
     provenance: Provenance | None = None  #: Provenance of the score.
 
     @property
@@ -114,6 +115,10 @@ def _with_transport(calls: CallsResult, live: LiveRun, messages: int) -> CallsRe
             f"{counted(live.missed_estimates, 'estimate')} published before the monitor received the first one: the "
             "live score does not contain them"
         )
+        calls = replace(calls, caveats=(*calls.caveats, text))
+    if live.mixed:
+        topics = ", ".join(live.mixed)
+        text = f"the messages of several publishers are mixed on {topics}: stop all but one, and repeat the run"
         calls = replace(calls, caveats=(*calls.caveats, text))
     if not messages and not live.dropped and not live.restarts:
         return calls

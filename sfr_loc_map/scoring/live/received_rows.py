@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -20,6 +19,7 @@ from sfr_loc_map.growing_rows import GrowingRows
 from sfr_loc_map.io.truth.config import TrackedBodyConfig
 from sfr_loc_map.io.truth.conversion import truth_of_rb
 from sfr_loc_map.io.truth.recorded import RecordedTruth
+from sfr_loc_map.message_text import kind_of
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.covariance import COVARIANCE_SIZE, UPPER
 
@@ -102,7 +102,7 @@ class ReceivedRows:
 
     def _warn_once(self, text: str) -> None:
         """Log a warning about the truth unless the same text, possibly with other numbers, was logged in this run."""
-        kind = re.sub(r"[0-9]+", "", text)
+        kind = kind_of(text)
         if kind not in self._warned:
             self._warned.add(kind)
             _log.warning(text)

@@ -202,3 +202,16 @@ def test_settings_override_the_detection(caplog: pytest.LogCaptureFixture) -> No
     found = check_poses(recorded(bent(90.0), yaws()), unknown="none")
     assert found.has_height
     assert found.has_tilt
+
+
+@pytest.mark.parametrize(
+    ("jump_m", "gap_s", "is_found"), [(30.0, 0, True), (0.5, 0, False), (30.0, 200, False), (0.0, 0, False)]
+)
+def test_a_jump_to_another_origin_is_reported(jump_m: float, gap_s: int, is_found: bool) -> None:
+    positions, stamps_ns = STRAIGHT.copy(), STAMPS.copy()
+    positions[30:] += [jump_m, 0.0, 0.0]
+    stamps_ns[30:] += gap_s * NS_PER_S
+    findings: list[str] = []
+    checked = check_poses(RecordedTruth(Trajectory(stamps_ns, positions, IDENTITY), ""), warn=findings.append)
+    assert len(checked.recorded.poses) == COUNT
+    assert any("jump" in text for text in findings) == is_found

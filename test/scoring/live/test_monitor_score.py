@@ -491,3 +491,25 @@ def test_points_of_a_live_map_that_are_not_finite_are_counted_as_those_of_a_file
     assert score.number("points_not_finite") == pytest.approx(1.0 / len(good))
     assert score.incomplete is not None
     assert (score.verdict, score.number("pairs_without_cloud", part="count")) == ("incomplete", 0)
+
+
+@pytest.mark.parametrize(
+    ("factor", "is_copy", "is_stationary"), [(1.0, True, False), (0.99, False, False), (0.0, False, True)]
+)
+def test_a_truth_that_is_the_estimate_or_does_not_move_is_reported(
+    factor: float, is_copy: bool, is_stationary: bool
+) -> None:
+    monitor = MonitorScore(ScoreConfig(), None)
+    for index in range(100):
+        position = np.sqrt(2.0) * np.array([0.03 * index, 0.001 * index, 0.0])
+        monitor.add_estimate(10**18 + index * 10**8, position, (0.0, 0.0, 0.0, 1.0), None)
+        monitor.add_truth(10**18 + index * 10**8, factor * position, (0.0, 0.0, 0.0, 1.0))
+    text = " ".join(monitor.result().warnings)
+    assert ("equal those of the ground truth" in text) == is_copy
+    assert ("the ground truth moves by 0 m" in text) == is_stationary
+
+
+def test_a_score_of_mixed_messages_has_a_caveat() -> None:
+    monitor = MonitorScore(ScoreConfig(), None)
+    score = monitor.result(LiveRun(mixed=("localisation/odometry",)))
+    assert any("localisation/odometry" in text for text in score.caveats)
