@@ -43,6 +43,7 @@ ROS_TESTS = (
 """Folders and files of tests whose modules import ROS."""
 WITHOUT_ROS = (
     "nodes/launch/test_launch_parts.py",
+    "nodes/launch/test_node_sections.py",
     "nodes/localisation/test_localisation_session.py",
     "nodes/localisation/test_odometry_buffer.py",
     "nodes/localisation/test_thinned_path.py",

@@ -368,8 +368,15 @@ OverwriteOption = Annotated[
 
 
 def require_ros(command: str) -> None:
-    """Raise MissingExtraError if ROS, which a subcommand requires, cannot be imported."""
+    """Raise MissingExtraError if ROS, which a subcommand requires, cannot be imported.
+
+    Raise NodeError if the chosen middleware is not installed.
+    """
+    from sfr_loc_map.ros import environment
+
     try:
+        environment.prepare()
+        environment.check_middleware()
         from sfr_loc_map.nodes.lifecycle import endpoints  # noqa: F401 - does it import?
         from sfr_loc_map.ros import grid_messages, image_messages, point_messages, pose_messages  # noqa: F401
     except ImportError as error:

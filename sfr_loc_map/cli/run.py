@@ -62,6 +62,7 @@ def run(
             more,
             config,
             Path(scratch) / "parameters.yaml",
+            nodes=nodes,
             parameter_files=params_file or (),
             remaps=rules or (),
             namespace=namespace,

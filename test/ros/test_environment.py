@@ -66,3 +66,23 @@ def test_the_profile_of_fast_dds_is_where_the_variables_point() -> None:
     variables: dict[str, str] = {}
     environment.prepare(variables)
     assert {variables[name] for name in environment.PROFILE_VARIABLES} == {str(environment.PROFILE)}
+
+
+def test_transports_of_the_user_are_not_replaced_by_the_profile() -> None:
+    for given in ({}, {environment.PROFILE_VARIABLES[0]: ""}, {environment.PROFILE_VARIABLES[1]: "/own.xml"}):
+        variables = {environment.TRANSPORTS_VARIABLE: "UDPv4", **given}
+        environment.prepare(variables)
+        profiles = {variables.get(name) for name in environment.PROFILE_VARIABLES}
+        assert profiles == ({"/own.xml"} if "/own.xml" in given.values() else {None})
+
+
+@pytest.mark.parametrize(("wanted", "is_installed"), [("", True), ("rmw_fastrtps_cpp", True), ("rmw_other_cpp", False)])
+def test_a_middleware_that_is_not_installed_is_named(
+    monkeypatch: pytest.MonkeyPatch, wanted: str, is_installed: bool
+) -> None:
+    monkeypatch.setattr("ament_index_python.get_resources", lambda kind: {"rmw_fastrtps_cpp": "/opt/ros"})
+    if is_installed:
+        environment.check_middleware({"RMW_IMPLEMENTATION": wanted})
+        return
+    with pytest.raises(NodeError, match=wanted):
+        environment.check_middleware({"RMW_IMPLEMENTATION": wanted})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from launch_ros.actions import Node
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.inputs import check_regular, refusing
 from sfr_loc_map.nodes.launch.run_nodes import NODES
-from sfr_loc_map.ros.environment import PROFILE, PROFILE_VARIABLES
+from sfr_loc_map.ros.environment import PROFILE, PROFILE_VARIABLES, TRANSPORTS_VARIABLE
 
 PACKAGE = "sfr_loc_map"
 SWITCH = ["true", "false"]
@@ -42,6 +43,7 @@ def common_arguments() -> list[Any]:
         *(
             SetEnvironmentVariable(name, EnvironmentVariable(name, default_value=str(PROFILE)))
             for name in PROFILE_VARIABLES
+            if not os.environ.get(TRANSPORTS_VARIABLE)
         ),
     ]
 

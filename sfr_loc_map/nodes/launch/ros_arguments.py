@@ -18,6 +18,7 @@ from sfr_loc_map.inputs import check_regular, refusing
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.nodes.launch.node_sections import check_sections
 from sfr_loc_map.suite_names import MONITOR_NODE, Task
 from sfr_loc_map.topics import COMPRESSED_END
 
@@ -30,12 +31,13 @@ def ros_arguments(
     config: Path | None,
     written: Path,
     *,
+    nodes: Sequence[str],
     parameter_files: Sequence[Path] = (),
     remaps: Sequence[str] = (),
     namespace: str = "",
     log_level: str = "info",
 ) -> list[str]:
-    """Return the ROS arguments of the nodes of `sfr run`, `--ros-args` first and the further arguments `more` last.
+    """Return the ROS arguments of `nodes`, `--ros-args` first and the further arguments `more` last.
 
     The parameters of an `sfr.yaml` are written to the file `written`. Later arguments override them.
     """
@@ -44,6 +46,7 @@ def ros_arguments(
     for path in parameter_files:
         with refusing(f"cannot read '{path}'", "give a parameter file such as those in config/"):
             check_regular(path)
+        check_sections(path, nodes, namespace)
         arguments += ["--params-file", str(path)]
     if namespace:
         arguments += ["-r", f"__ns:=/{namespace.strip('/')}"]
