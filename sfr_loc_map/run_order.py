@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from array import array
 from bisect import bisect_left, insort
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -116,7 +116,8 @@ class AnyOrder(Generic[T]):
 
     An item of another time (`is_of_another_time`) is dropped if its stamp was received earlier or is an hour or more
     ahead. An item before the first stamp of the run waits, and is accepted once no gap separates the item from the run
-    (`JOIN`). All other items are accepted. An item with a stamp of zero or less is dropped.
+    (`JOIN`). All other items are accepted. An item with a stamp of zero or less is dropped. If `is_once`, an item whose
+    stamp was received earlier in the run is also dropped.
 
     Consecutive items of another time are accepted together if their stamps increase, are all before or all after the
     last stamp, and one of two conditions holds. Either `AGREEING` of them, and all, were dropped, as when a recording
@@ -125,8 +126,9 @@ class AnyOrder(Generic[T]):
     run is discarded.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, is_once: bool = False) -> None:
         """Start before the first item."""
+        self._is_once = is_once
         self._dropped = 0
         self._begin([])
 
@@ -159,6 +161,9 @@ class AnyOrder(Generic[T]):
             return [], False
         if not self._stamps_ns or not is_of_another_time(self._stamps_ns[-1], stamp_ns):
             self._end_other_time()
+            if self._is_once and self._was_received(stamp_ns):
+                self._dropped += 1
+                return [], False
             return self._accept(stamp_ns, item), False
         first_ns = self._stamps_ns[0]
         last_ns = self._stamps_ns[-1]
@@ -227,9 +232,9 @@ class CommonRuns(Generic[T]):
     restart that run.
     """
 
-    def __init__(self, sources: Iterable[str]) -> None:
-        """Start before the first item of any source."""
-        self._orders = {source: AnyOrder[tuple[str, int, T]]() for source in sources}
+    def __init__(self, sources: Iterable[str], once: Collection[str] = ()) -> None:
+        """Start before the first item of any source. `once` are the sources whose repeated stamps are dropped."""
+        self._orders = {source: AnyOrder[tuple[str, int, T]](is_once=source in once) for source in sources}
         self._latest_ns: dict[str, int] = {}  # latest stamp of each source in the run
         # latest stamps of the previous run, by source: of the source and of all
         self._ended_ns: dict[str, tuple[int, int]] = {}

@@ -2,7 +2,8 @@
 
 Nodes, `sfr doctor` and `sfr record` report the same issues in the same words. `silence_of` checks the reasons why no
 message is received in this order: the topic has no publisher; every publisher has another type; every publisher offers
-less reliability than requested; no message arrives, because none is sent or a container has a separate /dev/shm.
+less reliability than requested; no message arrives, because none is sent, because the messages were sent before the
+subscription and are not latched, or because a container has a separate /dev/shm.
 """
 
 from __future__ import annotations
@@ -41,9 +42,17 @@ class Publisher:
 
 
 def silence_of(
-    topic: str, wanted: Sequence[str], publishers: Sequence[Publisher], requested: Reliability = Reliability.BEST_EFFORT
+    topic: str,
+    wanted: Sequence[str],
+    publishers: Sequence[Publisher],
+    requested: Reliability = Reliability.BEST_EFFORT,
+    *,
+    transport_works: bool = False,
 ) -> Issue:
-    """Return why no message of one of the wanted types is received on a topic, and the fix."""
+    """Return why no message of one of the wanted types is received on a topic, and the fix.
+
+    `transport_works` states whether other messages are or were received, so that the transport is not the reason.
+    """
     if not publishers:
         fix = "start the publisher, or remap its topic (sfr run -r EXPECTED:=FOUND)"
         return Issue(Cause.NO_PUBLISHER, topic, "no publisher", fix)
@@ -59,10 +68,11 @@ def silence_of(
         fix += "best_effort, or let the publisher offer reliable"
         return Issue(Cause.QOS, topic, text, fix)
     text = f"the publisher {names} exists, but no message was received"
-    fix = (
-        "check whether the publisher sends messages; a container with --net=host also requires --ipc=host to share "
-        "/dev/shm"
-    )
+    fix = "check whether the publisher sends messages; "
+    if transport_works:
+        fix += "a message that was sent before the subscription is received only if it is latched (transient_local)"
+    else:
+        fix += "a container with --net=host also requires --ipc=host to share /dev/shm"
     return Issue(Cause.SILENT, topic, text, fix)
 
 
@@ -74,7 +84,7 @@ def wrong_type(topic: str, wanted: Sequence[str], types: Iterable[str]) -> Issue
 
 
 def doubled_publishers(topic: str, publishers: Sequence[Publisher]) -> Issue | None:
-    """Return the issue of a topic of images with several publishers; None if there is at most one."""
+    """Return the issue of a topic whose several publishers are mixed; None if there is at most one."""
     if len(publishers) < 2:
         return None
     names = ", ".join(sorted(publisher.node for publisher in publishers))

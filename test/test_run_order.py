@@ -176,3 +176,13 @@ def test_a_clock_that_is_set_back_begins_a_run_with_the_next_item() -> None:
     assert not order.restart_if_set_back(9 * S + 1), "less than a second"
     assert order.restart_if_set_back(9 * S)
     assert order.add(2 * S, 2) == ([2], False)
+
+
+def test_a_repeated_stamp_is_dropped_and_counted_where_each_stamp_occurs_once() -> None:
+    runs = CommonRuns[str](("estimate", "truth"), once=("truth",))
+    for source in ("estimate", "truth"):
+        for item in ("first", "again"):
+            accepted, begins_run = runs.add(source, RUN[0], item)
+            assert not begins_run
+            assert accepted == ([] if (source, item) == ("truth", "again") else [item])
+    assert runs.strays == 1

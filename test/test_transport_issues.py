@@ -25,3 +25,12 @@ def test_one_reason_is_reported(case: str) -> None:
     found = silence_of("/loc/left/image_rect", (IMAGE,), publishers, requested)
     assert found.cause is cause
     assert found.fix
+
+
+def test_a_silent_topic_beside_topics_that_arrive_is_not_blamed_on_the_transport() -> None:
+    publishers = (Publisher("/camera", IMAGE),)
+    alone, beside_others = (
+        silence_of("/loc/left/image_rect", (IMAGE,), publishers, transport_works=works) for works in (False, True)
+    )
+    assert alone.cause is beside_others.cause is Cause.SILENT
+    assert ("/dev/shm" in alone.fix, "/dev/shm" in beside_others.fix) == (True, False)

@@ -48,7 +48,7 @@ def examine(seen: Observation) -> list[Issue]:
     """Return the issues of all checks, blocking issues first."""
     checks = [_source]
     if seen.topics or seen.broken is None:
-        checks += [_names, _waiting, _rigs, _extrinsics, _order, _poses, _truth, _nodes, _host_clock]
+        checks += [_names, _doubled, _waiting, _rigs, _extrinsics, _order, _poses, _truth, _nodes, _host_clock]
     issues = [issue for check in checks for issue in check(seen)]
     return sorted(issues, key=lambda issue: not issue.is_blocking)
 
@@ -110,7 +110,17 @@ def _other_images(seen: Observation) -> tuple[str, str]:
     if videos:
         fix = "publish or record the images as sensor_msgs/Image, or as sensor_msgs/CompressedImage of JPEG or PNG"
         return f"topics with video, which is unsupported, are {', '.join(videos)}", fix
-    return "no topic has images", "start the cameras" if seen.is_live else "give a bag with images of both cameras"
+    if seen.is_live:
+        fix = "start the cameras, or run this command with their ROS_DOMAIN_ID, ROS_AUTOMATIC_DISCOVERY_RANGE and "
+        return "no topic has images", f"{fix}ROS_DISCOVERY_SERVER (the server must run)"
+    return "no topic has images", "give a bag with images of both cameras"
+
+
+def _doubled(seen: Observation) -> Issues:
+    for topic in seen.topics.values():
+        doubled = doubled_publishers(topic.source_name, topic.publishers or ())
+        if doubled is not None:
+            yield doubled
 
 
 def _waiting(seen: Observation) -> Issues:
@@ -126,7 +136,7 @@ def _topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Issues:
     if topic is None or not topic.is_published:
         yield _missing(seen, name, topic)
         return
-    issue = _silence(name, topic)
+    issue = _silence(name, topic, transport_works=any(other.messages for other in seen.topics.values()))
     is_silent = not topic.messages and not seen.is_idle(name.partition("/")[0])
     if is_silent or issue.cause in (Cause.WRONG_TYPE, Cause.QOS):
         yield issue
@@ -144,13 +154,14 @@ def _missing(seen: Observation, name: str, topic: ObservedTopic | None) -> Issue
     return Issue(Cause.NO_TOPIC, where, "the topic is not in the bag", fix)
 
 
-def _silence(name: str, topic: ObservedTopic) -> Issue:
+def _silence(name: str, topic: ObservedTopic, *, transport_works: bool = False) -> Issue:
     """Return why no message of a topic is received, by the doctor or by a node that requests more reliability."""
     if topic.publishers is None:
         return _silence_in_recording(topic, allowed_types(name))
     strict = Reliability.RELIABLE in topic.requests.values()
     requested = Reliability.RELIABLE if strict else Reliability.BEST_EFFORT
-    return silence_of(topic.source_name, allowed_types(name), topic.publishers, requested)
+    wanted = allowed_types(name)
+    return silence_of(topic.source_name, wanted, topic.publishers, requested, transport_works=transport_works)
 
 
 def _silence_in_recording(topic: ObservedTopic, wanted: tuple[str, ...]) -> Issue:
@@ -168,9 +179,6 @@ def _camera_topics(seen: Observation, rig: str) -> Issues:
     for side in SIDES:
         images = seen.images(rig, side)
         yield from _topic(seen, f"{rig}/{side}/{seen.image_name(rig)}", images)
-        doubled = None if images is None else doubled_publishers(images.source_name, images.publishers or ())
-        if doubled is not None:
-            yield doubled
         name = f"{rig}/{side}/camera_info"
         yield from _topic(seen, name, seen.topics.get(name))
     node = seen.node(rig)

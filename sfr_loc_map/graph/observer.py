@@ -39,7 +39,7 @@ from sfr_loc_map.ros.qos import LATCHED, TF_STATIC_QOS
 from sfr_loc_map.ros.services import call_service
 from sfr_loc_map.ros.static_transforms import add_static_transforms
 from sfr_loc_map.suite_names import PLAYER_NODE, SUITE_NODES, Task
-from sfr_loc_map.topics import CLOCK, IMAGES, TF_STATIC, call_topic, rectified_beside
+from sfr_loc_map.topics import CLOCK, COMPRESSED_END, IMAGES, TF_STATIC, call_topic, rectified_beside
 
 UNCHANGED_S = 1.5  #: Discovery is complete when images are published and the graph has not changed for this time.
 MAX_DISCOVERY_S = 8.0  #: Maximum duration of discovery, s.
@@ -126,7 +126,10 @@ class GraphObserver(Peer):
             self.ros_node.create_subscription(String, self._full_name(call_topic(task)), note, LATCHED)
 
     def _full_name(self, name: str) -> str:
-        """Return the name in the graph of a topic or node of the suite."""
+        """Return the name in the graph of a topic or node of the suite. Compressed images follow raw images."""
+        raw = name.removesuffix(COMPRESSED_END)
+        if name not in self._name_in_graph and raw in self._name_in_graph:
+            return f"{self._name_in_graph[raw]}{COMPRESSED_END}"
         return self._name_in_graph.get(name, f"/{self._namespace}/{name}" if self._namespace else f"/{name}")
 
     def _is_superseded(self, name: str, full_name: str) -> bool:

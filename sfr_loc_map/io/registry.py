@@ -11,7 +11,7 @@ from sfr_loc_map.configuration.parameters import changed
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.inputs import check_exists, check_regular, refusing
-from sfr_loc_map.io.calibration.projections import LONG_BASELINE_M
+from sfr_loc_map.io.calibration.projections import long_baseline
 from sfr_loc_map.io.layouts.euroc import open_euroc
 from sfr_loc_map.io.layouts.folder import open_folder
 from sfr_loc_map.io.layouts.image_folder import open_image_folder
@@ -85,12 +85,9 @@ def _report_ignored_settings(path: Path, config: SourceConfig, of_layout: tuple[
 def _report_long_baselines(source: Source) -> None:
     """Warn of a baseline that exceeds those of rovers, because it may be in another unit, or in squares of a board."""
     for name, sequence in (("localisation", source.loc), ("mapping", source.nav)):
-        if sequence is not None and sequence.rig.baseline_m > LONG_BASELINE_M:
-            _log.warning(
-                f"'{source.path}': the baseline of the {name} cameras is {sequence.rig.baseline_m:g} m, which is "
-                "unusually long: verify that the baseline, P[3] and the squares of the calibration board are given in "
-                "metres"
-            )
+        text = "" if sequence is None else long_baseline(sequence.rig.baseline_m, f"{name} cameras")
+        if text:
+            _log.warning(f"'{source.path}': {text}")
 
 
 def _ignored_of_truth(path: Path, truth: TruthConfig) -> tuple[str, ...]:

@@ -40,6 +40,7 @@ from sfr_loc_map.ros.messages import message_type
 from sfr_loc_map.ros.peer import Peer
 from sfr_loc_map.ros.point_messages import tracks_from_msg
 from sfr_loc_map.ros.pose_messages import covariance_of, odometry_row
+from sfr_loc_map.ros.publishers import name_to_subscribe, resolved_name
 from sfr_loc_map.ros.qos import LATCHED
 from sfr_loc_map.ros.statuses import level_of, values_of
 from sfr_loc_map.ros.truth_subscription import TruthSubscription
@@ -174,21 +175,22 @@ class RosFeed(Peer):
             topic = f"{name}/{ending}"
             if self._has_publisher(topic):
                 kind = message_type(msgtype)
+                subscribed = name_to_subscribe(self.ros_node, topic)
                 received = partial(self._on_image, name, kind)
                 if former is not None:
                     self.ros_node.destroy_subscription(former)
-                self._images_of[name] = self._receive(kind, topic, received, IMAGE_QOS)
+                self._images_of[name] = self._receive(kind, subscribed, received, IMAGE_QOS)
                 reason = f"{self._images_of[name].topic_name} has a publisher; no image has arrived yet"
                 self._state.put(updates.ImageProblem(name, reason))
                 return
         if former is not None:
             return
-        topics = ", ".join(self.ros_node.resolve_topic_name(f"{name}/{ending}") for ending in IMAGES)
+        topics = ", ".join(resolved_name(self.ros_node, f"{name}/{ending}") for ending in IMAGES)
         reason = f"no publisher of {topics}; set another name by sfr live -r {name}/{RECTIFIED}:=TOPIC"
         self._state.put(updates.ImageProblem(name, reason))
 
     def _has_publisher(self, topic: str) -> bool:
-        return self.ros_node.count_publishers(self.ros_node.resolve_topic_name(topic)) > 0
+        return self.ros_node.count_publishers(resolved_name(self.ros_node, topic)) > 0
 
     def _receive(
         self, kind: type[Any], topic: str, callback: Callable[[bytes, float], None], qos: QoSProfile

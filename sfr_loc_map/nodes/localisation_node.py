@@ -143,7 +143,8 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         """Subscribe and offer services."""
         add_subscription, depth = self.endpoints.add_subscription, self.config.input.queue_depth
         # Subscribe first, so that a pose that was sent before the first pair is handled before that pair.
-        add_subscription(PoseWithCovarianceStamped, INITIAL_POSE, self._on_initial_pose, QoSProfile(depth=1))
+        kind = PoseWithCovarianceStamped
+        add_subscription(kind, INITIAL_POSE, self._on_initial_pose, QoSProfile(depth=1), of_one_publisher=False)
         self._extrinsics.subscribe(self.endpoints, self.get_logger().info)
         add_subscription(Odometry, MOTION_PRIOR, self._on_motion_prior, profile("best_effort", depth))
         super().subscribe()
@@ -169,8 +170,30 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         base = "" if config.rb_frame == RB_FRAME else self._rb_frame
         self._extrinsics = Extrinsics(config.T_rb_locsb, base, config.frame(config.locsb_frame))
         self._motion_prior = OdometryBuffer()
+        self._priors_received = 0  # messages since `report_periodically`
+        self._pairs_by_prior = {True: 0, False: 0}  # pairs since `report_periodically`, by whether a motion was known
         self._path: ThinnedPath[PoseStamped] = ThinnedPath()
         self._path_ns: int | None = None  # stamp of the last published path
+
+    def report_periodically(self) -> None:
+        """Also report odometry that is received but gives no motion for any pair."""
+        super().report_periodically()
+        received = self._priors_received
+        pairs = self._pairs_by_prior
+        self._priors_received = 0
+        self._pairs_by_prior = {True: 0, False: 0}
+        image_ns = self._stereo.last_ns
+        odometry_ns = self._motion_prior.last_ns
+        if not received or pairs[True] or not pairs[False] or image_ns is None:
+            return
+        off = "has no usable stamp"
+        if odometry_ns is not None:
+            off = f"has stamps that differ by {(odometry_ns - image_ns) / NS_PER_S:.6g} s from those of the images"
+        self.status.warn(
+            f"{MOTION_PRIOR} is received but not used: it {off}; stamp it with the clock of the images, or, if it is "
+            "only late, increase motion_prior.wait_s",
+            MOTION_PRIOR,
+        )
 
     def apply_config(self, config: LocalisationNodeConfig) -> None:
         """Continue at the last pose with changed parameters."""
@@ -210,6 +233,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
     def _on_motion_prior(self, message: Odometry) -> None:
         with self.ignoring_broken():
             self.config.check_message_frame(MOTION_PRIOR, message.child_frame_id, "rb_frame")
+            self._priors_received += 1
             self._motion_prior.add(stamp_of(message), transform_from_pose(message.pose.pose, MOTION_PRIOR))
 
     # ---- in the worker's thread
@@ -240,6 +264,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         localiser = self._session.localiser_at(pair.stamp_ns)
         known_ns, wait_s = localiser.known_ns, self.config.motion_prior.wait_s
         motion = None if known_ns is None else self._motion_prior.between(known_ns, pair.stamp_ns, wait_s)
+        self._pairs_by_prior[motion is not None] += known_ns is not None
         with self.meter.measure() as usage:
             estimate = localiser.process(pair, motion)
         self._session.accept(estimate)

@@ -175,7 +175,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     def _report_without_pose(self, stamp_ns: int) -> None:
         self.status.error(
-            f"pair of stamp {stamp_ns} dropped: no nav/pose with its stamp was received within "
+            f"pair of stamp {stamp_ns} dropped: no usable nav/pose with its stamp was received within "
             f"{self.config.pose_wait_s} s; publish the pose of NAVSB in LM with the stamp of the pair"
         )
 

@@ -37,6 +37,7 @@ from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.figures.records import Provenance
 from sfr_loc_map.metrics.judging.limits_file import load_limits
+from sfr_loc_map.metrics.score.caveats import copies_caveat
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_json
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
@@ -55,7 +56,7 @@ from sfr_loc_map.run_order import CommonRuns
 from sfr_loc_map.scoring.live.live_score import MAX_LISTED, DiscardedInterval, LiveRun
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore
 from sfr_loc_map.suite_names import SIDES, Side, Task
-from sfr_loc_map.topics import CLOUD, ESTIMATE, NAV_POSE, TRUE_POINTS, call_topic, configuration_topic
+from sfr_loc_map.topics import CLOUD, ESTIMATE, NAV_POSE, TF, TF_STATIC, TRUE_POINTS, call_topic, configuration_topic
 from sfr_loc_map.transport_issues import Reliability
 from sfr_loc_map.worker import Overload
 
@@ -69,6 +70,7 @@ SOURCES: dict[str, str] = {
 }
 """Sources of stamped messages, each with its description for log messages. A new run of one source is a new run of all
 sources."""
+TF_TOPICS = (TF, TF_STATIC)  #: Topics that may have several publishers.
 SCORE_PREFIX = "score."  #: Prefix of the parameters that are the settings of the score.
 IN_FLIGHT_S = 5.0  #: During a run, results of pairs younger than this, s, do not count as missing.
 
@@ -199,8 +201,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         config = self.config
         self._score = MonitorScore(config.score, None, config.truth)  # `setup` reads the limits
         self._score_file = ScoreFile(Path(config.save_file)) if config.save_file else None
-        self._lost_in_transport = 0  # messages
-        self._gaps: dict[str, TransportGaps] = {}  # by topic; accessed only by the executor's thread
+        self._gaps: dict[str, TransportGaps] = {}  # by topic; changed only by the executor's thread
         self._missed_estimates = 0  # published before the first received estimate; 0 after a new run
         self._camera_infos = CameraInfoPair()
         self._truth: TruthInput = (
@@ -208,7 +209,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             if config.truth.frame
             else TopicTruthInput(self, Reliability(config.input.reliability))
         )
-        self._runs: CommonRuns[Callable[[], None]] = CommonRuns(SOURCES)
+        self._runs: CommonRuns[Callable[[], None]] = CommonRuns(SOURCES, once=(TRUTH,))
         self._restarts = 0  # number of new runs since the operator's reset
         self._has_estimate = False
         self._has_truth = False
@@ -221,7 +222,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     def counts(self) -> dict[str, int]:
         """Return the numbers of messages dropped since the configuration, by cause."""
         dropped = {
-            "dropped_in_transport": self._lost_in_transport,
+            "dropped_in_transport": sum(gaps.lost for gaps in list(self._gaps.values())),
             "dropped_stray": self._runs.strays + self._truth.strays,
         }
         return dropped | super().counts()
@@ -229,6 +230,9 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     def report_periodically(self) -> None:
         """Log how many messages were dropped, follow a change of the truth's type, and report why nothing is scored."""
         super().report_periodically()
+        for topic, gaps in self._gaps.items():
+            if topic not in TF_TOPICS:
+                gaps.set_several(len(self.endpoints.publishers(topic)) > 1)
         if not self._truth.follow_type() and self._has_estimate and not self._has_truth:
             self.status.warn(self._truth.reason_for_silence(), "truth")
 
@@ -239,7 +243,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         callback: Callable[[Any], None],
         qos: QoSProfile,
         *,
-        has_several_publishers: bool = False,
+        of_one_publisher: bool = True,
         on_first: Callable[[int], None] | None = None,
     ) -> Callable[[], object]:
         """Subscribe with a callback that is called in the worker's thread; return the function that unsubscribes.
@@ -248,16 +252,16 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         messages that were published before.
         """
         gaps = begin_counting(self._gaps, topic)
-        gaps.set_several(has_several_publishers)
+        gaps.set_several(not of_one_publisher)
 
         def received(message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401 - any message
-            self._lost_in_transport += gaps.add(info)
+            gaps.add(info)
             if on_first is not None and gaps.count == 1:
                 self.worker.enqueue(partial(on_first, gaps.before))
             size_bytes = len(message.data) if kind is PointCloud2 else 0
             self.worker.enqueue_droppable(partial(callback, message), size_bytes)
 
-        return self.endpoints.add_subscription(kind, topic, received, qos)
+        return self.endpoints.add_subscription(kind, topic, received, qos, of_one_publisher=of_one_publisher)
 
     def _on_image_info(self, message: CameraInfo) -> None:
         """Add the stamp of an image. Losses are not counted, because the stamps are used only without an estimate."""
@@ -308,6 +312,8 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         """Discard what was received in the previous run."""
         self._discard(cause)
         self._score.restart()
+        for gaps in list(self._gaps.values()):
+            gaps.returns = 0
         self._missed_estimates = 0
         self._last_ns = 0
 
@@ -405,6 +411,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             discards=self._discards,
             discarded=self._discarded,
             missed_estimates=self._missed_estimates,
+            mixed=tuple(topic for topic, gaps in list(self._gaps.items()) if gaps.is_mixed and topic not in TF_TOPICS),
             provenance=made,
         )
         return self._score.result(live)
@@ -423,8 +430,8 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._changed = False
         score = self._result(details=False, in_flight_s=IN_FLIGHT_S)
         self._publisher.publish(score, self._last_ns)
-        level, state = (Level.OK, "scoring") if score.contradiction is None else (Level.WARN, score.contradiction)
-        self.status.note_call(level, state)
+        problem = score.contradiction or copies_caveat(score)
+        self.status.note_call(Level.WARN if problem else Level.OK, problem or "scoring")
 
     def _finish(self) -> str:
         self._publish_score()

@@ -173,8 +173,6 @@ class PairNode(ManagedNode[P], ABC):
         """
         super().report_periodically()
         self._stereo.losses.update_publishers()
-        if doubled := self._stereo.losses.doubled_text():
-            self.status.warn(doubled, "publishers")
         has_worked = self.status.call_count > self._call_count_before or not self.worker.is_idle
         self._call_count_before = self.status.call_count
         is_silent = not any(item.received for item in self.inputs() if item.is_stream)
@@ -200,7 +198,8 @@ class PairNode(ManagedNode[P], ABC):
 
     def waits_for(self) -> str:
         """Return in one line what the node waits for; empty if nothing is missing."""
-        return missing_input(self, self.inputs()) or self._stereo.apart_text()
+        has_received = self.status.call_count > 0
+        return missing_input(self, self.inputs(), has_received=has_received) or self._stereo.apart_text()
 
     def clock_jumped_back(self) -> None:
         """Start a new run, unless pairs with stamps of the set-back clock were received already."""

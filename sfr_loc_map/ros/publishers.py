@@ -7,6 +7,7 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
+from sfr_loc_map.topics import COMPRESSED_END
 from sfr_loc_map.transport_issues import Publisher, Reliability
 
 UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"  #: Name that ROS reports for a node that is not discovered yet.
@@ -24,6 +25,28 @@ def publishers_of(node: Node, topic: str) -> tuple[Publisher, ...]:
         )
         for info in infos
     )
+
+
+def name_to_subscribe(node: Node, name: str) -> str:
+    """Return the name by which a node subscribes to a topic, given by its relative name.
+
+    The topic of compressed images that is not remapped itself follows a remapping of the raw images.
+    """
+    raw = name.removesuffix(COMPRESSED_END)
+    if raw == name or is_remapped(node, name) or not is_remapped(node, raw):
+        return name
+    return f"{node.resolve_topic_name(raw)}{COMPRESSED_END}"
+
+
+def resolved_name(node: Node, name: str) -> str:
+    """Return the full name of a topic to which a node subscribes, given by its relative name."""
+    subscribed = name_to_subscribe(node, name)
+    return str(node.resolve_topic_name(name)) if subscribed == name else subscribed
+
+
+def is_remapped(node: Node, name: str) -> bool:
+    """Return whether a remapping rule applies to a relative name."""
+    return bool(node.resolve_topic_name(name) != node.resolve_topic_name(name, only_expand=True))
 
 
 def node_of(info: Any) -> str:  # noqa: ANN401 - rclpy's TopicEndpointInfo

@@ -89,6 +89,19 @@ def test_wheel_odometry_tells_where_to_look(ros: None, capfd: Capture) -> None:
         node.wait_for("motion_prior is in frame 'camera': frame 'rb' (parameter rb_frame) is required; ignored")
 
 
+def test_wheel_odometry_of_another_clock_is_reported_as_unused(ros: None, capfd: Capture) -> None:
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT) as node:
+        send_infos(peer, "loc", LOC_RIG)
+        message = bag_messages.odometry(START_NS + 50 * 10**9, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
+        message.child_frame_id = "rb"
+        peer.play(0)
+        peer.publish(Odometry, "motion_prior", raw(message), arrival=True)
+        peer.until(lambda: node.node._priors_received, "the odometry")
+        peer.play(1)
+        node.node.report_periodically()
+        node.wait_for("motion_prior is received but not used: it has stamps that differ by 49.9 s")
+
+
 def test_two_rovers_in_two_namespaces_do_not_hear_each_other(ros: None, capfd: Capture) -> None:
     one, two = (["-r", f"__ns:=/rover{number}"] for number in (1, 2))
     arguments = ["--params-file", str(CONFIG / "rep105.yaml"), *MOUNT]
@@ -248,7 +261,7 @@ def test_localisation_survives_what_the_network_may_send(ros: None, capfd: Captu
         peer.publish(CameraInfo, "loc/left/camera_info", raw(bad))
         right_info = raw(bag_messages.camera_info(START_NS, LOC_RIG, "loc", "right"))
         peer.publish(CameraInfo, "loc/right/camera_info", right_info)
-        peer.refused("non-rectified")
+        peer.refused("has no projection p")
         send_infos(peer, "loc", LOC_RIG)
         good = raw(bag_messages.image(START_NS, loc_pair(0).left, "loc", "left"))
         for broken in (good[: len(good) // 2], b"\0\1\0", b"\xff" * 64):
@@ -365,6 +378,29 @@ def test_a_camera_info_that_was_published_once_is_received(ros: None, capfd: Cap
             peer.play(0)
             peer.play(1)
         assert peer.positions() == localised([0, 1])
+
+
+def test_camera_info_that_describes_no_rig_is_reported_by_its_fault(ros: None, capfd: Capture) -> None:
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT) as node:
+        for changes, words in (
+            ({"width": 0, "height": 0}, "has no image size"),
+            ({"p": np.zeros(12)}, "has no projection p"),
+            ({"p": bag_messages.camera_info(START_NS, LOC_RIG, "loc", "left").p}, "calibrate both cameras as a pair"),
+        ):
+            for side in ("left", "right"):
+                message = bag_messages.camera_info(START_NS, LOC_RIG, "loc", side)
+                peer.publish(CameraInfo, f"loc/{side}/camera_info", raw(replace(message, **changes)))
+            peer.refused(words)
+        send_infos(peer, "loc", replace(LOC_RIG, baseline_m=4.0))
+        node.wait_for("the baseline of the cameras 'loc' is 4 m")
+
+
+def test_compressed_images_follow_the_remapping_of_the_raw_images(ros: None, capfd: Capture) -> None:
+    rule = ["-r", "loc/left/image_rect:=/zed/left/image_rect_color"]
+    swap = ["-r", "loc/right/image_rect:=/b", "-r", "loc/right/image_rect/compressed:=/c", "-r", "/b/compressed:=/d"]
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *rule, *swap) as node:
+        topics = {item.topic_name for item in node.node.subscriptions}
+        assert {"/zed/left/image_rect_color", "/zed/left/image_rect_color/compressed", "/b", "/c"} <= topics
 
 
 def test_two_publishers_of_an_image_are_named_and_not_taken_for_losses(ros: None, capfd: Capture) -> None:

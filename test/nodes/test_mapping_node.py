@@ -140,7 +140,7 @@ def test_mapping_makes_disparities_and_clouds_of_sets_of_pairs(ros: None, capfd:
         assert np.array_equal(cloud_from_msg(clouds[0]).to_structured(), expected)
         assert clouds[0].header.frame_id == "lm"
         send_pair(peer, "nav", nav_pair(3).pair)
-        peer.refused("no nav/pose with its stamp")
+        peer.refused("no usable nav/pose with its stamp")
         assert peer.call("mapping_node/finish").success
         peer.until(lambda: len(clouds) == 2, "the second cloud")
         topics = {"points": PointCloud2, "elevation": PointCloud2, "hazard": OccupancyGrid}

@@ -59,3 +59,16 @@ def test_messages_before_the_first_subscription_are_counted_apart_from_losses() 
         gaps = TransportGaps()
         lost_ones = [gaps.add({"publication_sequence_number": number}) for number in numbers]
         assert (gaps.before, lost_ones[0]) == (before, 0)
+
+
+def test_messages_of_alternating_publishers_are_mixed_and_those_after_a_restart_are_not() -> None:
+    for numbers, is_mixed in (
+        ([1, 1, 2, 2, 3, 3], True),
+        ([50, 7, 51, 8, 52, 9], True),
+        ([1, 2, 3, 1, 2, 3], False),
+        ([0] * 9, False),  # a middleware without numbers
+    ):
+        gaps = TransportGaps()
+        for number in numbers:
+            gaps.add({"publication_sequence_number": number})
+        assert gaps.is_mixed == is_mixed, numbers

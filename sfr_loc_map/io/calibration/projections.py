@@ -99,6 +99,16 @@ def check_baseline(baseline_m: float, where: str) -> None:
         )
 
 
+def long_baseline(baseline_m: float, cameras: str) -> str:
+    """Return a warning if a baseline exceeds those of rovers, because it may be in another unit; empty otherwise."""
+    if baseline_m <= LONG_BASELINE_M:
+        return ""
+    return (
+        f"the baseline of the {cameras} is {baseline_m:g} m, which is unusually long: verify that the baseline, P[3] "
+        "and the squares of the calibration board are given in metres"
+    )
+
+
 def have_one_camera_matrix(p_left: FloatArray, p_right: FloatArray) -> bool:
     """Return whether two P `(12,)` differ only in their last column; False if a number is NaN."""
     return bool(np.abs(np.delete(p_left - p_right, [3, 7, 11])).max() <= TOLERANCE)
@@ -120,7 +130,7 @@ def rig_from_projections(
     shift = float(p_right[3] - p_left[3])
     if not shift < 0:
         found = f"P[3] of the {names[1]} camera is {p_right[3]:g}"
-        hint = "are left and right swapped?"
+        hint = "are left and right swapped?" if shift > 0 else "calibrate both cameras as a pair"
         if p_left[3]:
             found = f"P[3] of the {names[0]} camera is {p_left[3]:g}, of the {names[1]} camera {p_right[3]:g}"
             hint = f"P[3] = 0 is required for the {names[0]} camera unless both P refer to a third camera"
@@ -137,11 +147,11 @@ def rig_from_projections(
 
 def check_projection(p: FloatArray, where: str, advice: str = "correct the calibration") -> None:
     """Raise InputError unless P `(12,)` is that of a rectified camera. P of an uncalibrated camera is zero."""
-    problem = ""
     p_matrix = p.reshape(3, 4)
     if not np.isfinite(p_matrix).all() or p_matrix[0, 0] <= 0:
-        problem = "projection p is empty"
-    elif np.abs(p_matrix[[0, 1, 2, 2, 2, 1, 2], [1, 0, 0, 1, 3, 3, 2]] - [0, 0, 0, 0, 0, 0, 1]).max() > TOLERANCE:
-        problem = "projection p is not that of a rectified left or right camera"
-    if problem:
-        raise InputError(f"{where} is non-rectified ({problem}):", advice)
+        raise InputError(
+            f"{where} has no projection p, as of a camera without a stereo calibration:",
+            "calibrate both cameras as a pair",
+        )
+    if np.abs(p_matrix[[0, 1, 2, 2, 2, 1, 2], [1, 0, 0, 1, 3, 3, 2]] - [0, 0, 0, 0, 0, 0, 1]).max() > TOLERANCE:
+        raise InputError(f"{where} is non-rectified (p is not that of a rectified left or right camera):", advice)

@@ -130,7 +130,12 @@ class RectifiableCamera:
 
 
 def _size_of_full_images(name: str, info: Any) -> tuple[int, int]:  # noqa: ANN401 - a CameraInfo of any library
-    """Return the width and height in a message on the topic `name`; InputError for binning or a region of interest."""
+    """Return the width and height in a message on the topic `name`.
+
+    InputError without a size, and for binning or a region of interest.
+    """
+    if not (info.width and info.height):
+        raise InputError(f"{name} has no image size (width and height):", "publish the size of the images")
     roi = info.roi
     has_full_size = (roi.width, roi.height) in ((0, 0), (info.width, info.height))
     is_cropped = not has_full_size or roi.x_offset or roi.y_offset

@@ -25,16 +25,17 @@ from rclpy.qos import QoSProfile
 
 from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.configuration.parameters import param
-from sfr_loc_map.message_text import one_line
+from sfr_loc_map.message_text import kind_of, one_line
 from sfr_loc_map.message_types import HealthKey, Level, StatusKind
 from sfr_loc_map.ros.messages import header_msg
 from sfr_loc_map.ros.statuses import Value, status_msg
 from sfr_loc_map.topics import DIAGNOSTICS
 
 QUEUE_DEPTH = 1000  #: Number of statuses kept for a slow subscriber.
-LOG_PERIOD_S = 5.0  #: Minimum interval between identical log lines.
+LOG_PERIOD_S = 5.0  #: Minimum interval between log lines of one kind.
 LATENCY_WINDOW = 200  #: Number of calls over which the 95th percentile of a latency is computed.
 MAX_MOMENTS = 10_000  #: Maximum number of arrivals or calls kept for a rate.
+MAX_KINDS = 10  #: Maximum number of kinds of messages that are logged in `LOG_PERIOD_S`, because texts may be hostile.
 MAX_REASONS = 4  #: Maximum number of reasons in a message.
 MB = 1_000_000
 DROPS = {
@@ -43,7 +44,7 @@ DROPS = {
     "dropped_unpaired": "had no message of the other side within the stamp tolerance, or within the queue",
     "dropped_rejected": "were unusable",
     "dropped_stale": "did not have a later stamp than the previous message",
-    "dropped_stray": "had no stamp, or a stamp far from those of their neighbours",
+    "dropped_stray": "had no stamp, a stamp far from those of their neighbours, or a repeated stamp",
     "dropped_without_camera_info": "arrived without a usable camera_info",
     "dropped_without_pose": "had no nav/pose with their stamp",
 }
@@ -125,6 +126,7 @@ class StatusReporter:
             self._calls: deque[float] = deque(maxlen=MAX_MOMENTS)
             self._latencies: dict[str, deque[float]] = {}
             self._problems: dict[str, tuple[float, Level, str]] = {}
+            self._logged: dict[str, float] = {}
             self._counts: dict[str, int] = {}
             self._drops: dict[str, float] = {}
             self._last_call: tuple[Level, str] | None = None
@@ -170,10 +172,14 @@ class StatusReporter:
                     self._latencies.setdefault(name, deque(maxlen=LATENCY_WINDOW)).append(seconds)
 
     def note_problem(self, level: Level, text: str, kind: str = "") -> None:
-        """Record a problem, which stays visible for `window_s` and replaces an earlier problem of the same kind."""
+        """Record a problem, which stays visible for `window_s` and replaces an earlier problem of the same kind.
+
+        Without a `kind`, problems whose texts differ only in their numbers are of one kind.
+        """
+        kind = kind or kind_of(text)
         with self._lock:
-            self._problems.pop(kind or text, None)  # the newest problem is last
-            self._problems[kind or text] = (time.monotonic(), level, text)
+            self._problems.pop(kind, None)  # the newest problem is last
+            self._problems[kind] = (time.monotonic(), level, text)
 
     def publish_health(self, *, only_changes: bool = False) -> None:
         """Publish the health, worst reason first; with `only_changes` only if state, level or reasons have changed."""
@@ -282,7 +288,8 @@ class StatusReporter:
 
     def _report_error(self, kind: StatusKind, text: str) -> None:
         text = one_line(text)
-        self._node.get_logger().error(text, throttle_duration_sec=LOG_PERIOD_S)
+        if self._is_log_due(text):
+            self._node.get_logger().error(text)
         self.note_problem(Level.ERROR, text)
         self._publish(kind, Level.ERROR, text, {"task": self._task, **self._snapshot().counts})
         self.publish_health(only_changes=True)
@@ -294,9 +301,20 @@ class StatusReporter:
     def warn(self, text: str, kind: str = "") -> None:
         """Report a problem that does not stop the node: log, and health with the latest problem of each kind."""
         text = one_line(text)
-        self._node.get_logger().warning(text, throttle_duration_sec=LOG_PERIOD_S)
+        if self._is_log_due(kind or text):
+            self._node.get_logger().warning(text)
         self.note_problem(Level.WARN, text, kind)
         self.publish_health(only_changes=True)
+
+    def _is_log_due(self, text: str) -> bool:
+        """Return whether a message may be logged: the first of its kind in `LOG_PERIOD_S`, and of `MAX_KINDS` kinds."""
+        kind, now = kind_of(text), time.monotonic()
+        with self._lock:
+            self._logged = {logged: at for logged, at in self._logged.items() if now - at < LOG_PERIOD_S}
+            if kind in self._logged or len(self._logged) >= MAX_KINDS:
+                return False
+            self._logged[kind] = now
+            return True
 
     def _publish(
         self, kind: StatusKind, level: Level, message: str, values: Mapping[str, Value], stamp_ns: int | None = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 from copy import copy
-from functools import partial, wraps
+from functools import wraps
 from typing import Any
 
 from rclpy.clock import Clock
@@ -16,9 +16,10 @@ from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, qos_policy_na
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.ros.publishers import publishers_of
+from sfr_loc_map.issues import Issue
+from sfr_loc_map.ros.publishers import name_to_subscribe, publishers_of, resolved_name
 from sfr_loc_map.ros.qos import LATCHED, profile
-from sfr_loc_map.transport_issues import Publisher
+from sfr_loc_map.transport_issues import Publisher, doubled_publishers
 
 
 class Endpoints:
@@ -43,6 +44,7 @@ class Endpoints:
         self._node, self._warn, self._on_fault = node, warn, on_fault
         self._clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.configured, self.active = ExitStack(), ExitStack()  # closed when the state ends
+        self._of_one_publisher: dict[Any, str] = {}  # topics of the subscriptions that require one publisher
 
     def add_publisher(self, kind: type[Any], topic: str, depth: int, *, latched: bool = False) -> Any:  # noqa: ANN401
         """Return a publisher that sends only while the node is active."""
@@ -60,13 +62,20 @@ class Endpoints:
         return publisher
 
     def add_subscription(
-        self, kind: type[Any], topic: str, callback: Callable[..., None], qos: QoSProfile
+        self,
+        kind: type[Any],
+        topic: str,
+        callback: Callable[..., None],
+        qos: QoSProfile,
+        *,
+        of_one_publisher: bool = True,
     ) -> Callable[[], object]:
         """Subscribe until the node is deactivated or the returned function is called.
 
+        `of_one_publisher` states whether the messages of several publishers must not be mixed (`doubled`).
         Parameters `qos_overrides.TOPIC.subscription.POLICY` override the quality of service.
         """
-        full_name = self._node.resolve_topic_name(topic)
+        full_name = resolved_name(self._node, topic)
         prefix = f"qos_overrides.{full_name}.subscription."
         incompatible = self._warning(
             f"a publisher of {full_name} offers weaker {{}} than this node requests, so nothing is received from "
@@ -78,7 +87,7 @@ class Endpoints:
         try:
             subscription = self._node.create_subscription(
                 kind,
-                topic,
+                name_to_subscribe(self._node, topic),
                 self.guarded(callback),
                 copy(qos),  # rclpy writes the overrides into the profile
                 event_callbacks=SubscriptionEventCallbacks(incompatible_qos=incompatible),
@@ -88,8 +97,15 @@ class Endpoints:
             if not given:
                 raise
             raise ConfigError(f"parameters {prefix}*: {error!r}") from error
-        self.active.callback(self._node.destroy_subscription, subscription)
-        return partial(self._node.destroy_subscription, subscription)
+        if of_one_publisher:
+            self._of_one_publisher[subscription] = full_name
+
+        def unsubscribe() -> None:
+            self._of_one_publisher.pop(subscription, None)
+            self._node.destroy_subscription(subscription)
+
+        self.active.callback(unsubscribe)
+        return unsubscribe
 
     def add_latched(self, kind: type[Any], topic: str, callback: Callable[..., None]) -> None:
         """Subscribe to latched messages of a topic that also has a volatile subscription.
@@ -108,7 +124,13 @@ class Endpoints:
 
     def publishers(self, topic: str) -> tuple[Publisher, ...]:
         """Return the publishers of a topic, given by its relative name."""
-        return publishers_of(self._node, self._node.resolve_topic_name(topic))
+        return publishers_of(self._node, resolved_name(self._node, topic))
+
+    def doubled(self) -> list[Issue]:
+        """Return an issue for each topic that requires one publisher, but has several now."""
+        topics = dict.fromkeys(self._of_one_publisher.values())
+        found = [doubled_publishers(topic, publishers_of(self._node, topic)) for topic in topics]
+        return [issue for issue in found if issue is not None]
 
     def add_timer(self, period_s: float, callback: Callable[[], None]) -> None:
         """Call a function periodically, on a steady clock, until the node is deactivated."""

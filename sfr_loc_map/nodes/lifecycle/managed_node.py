@@ -145,7 +145,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         return {"dropped_overload": self._worker.dropped if self._worker is not None else 0}
 
     def report_periodically(self) -> None:
-        """Log how many messages were dropped since the last call.
+        """Log how many messages were dropped since the last call, and report topics that have several publishers.
 
         Called every `LOG_PERIOD_S` while the node is active.
         """
@@ -156,6 +156,9 @@ class ManagedNode(LifecycleNode, Generic[C]):
                 why = DROPS.get(name, "were dropped")
                 text = f"{more} messages in the last {LOG_PERIOD_S:g} s {why} ({name}: {count} in total)"
                 self.get_logger().warning(text)
+        if doubled := self.endpoints.doubled():
+            names = "; ".join(f"{issue.where} has {issue.text}" for issue in doubled)
+            self.status.warn(f"{names}: {doubled[0].fix}", "publishers")
 
     def restart_after_fault(self) -> None:
         """Restart after an unexpected exception; called in the worker's thread."""

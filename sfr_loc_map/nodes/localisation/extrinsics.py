@@ -33,7 +33,8 @@ class Extrinsics:
             return
         kind = tf_message_type()
         if kind is not None:
-            endpoints.add_subscription(kind, TF_STATIC, partial(add_static_transforms, tree=self._tree), TF_STATIC_QOS)
+            add = partial(add_static_transforms, tree=self._tree)
+            endpoints.add_subscription(kind, TF_STATIC, add, TF_STATIC_QOS, of_one_publisher=False)
         source = "/tf_static is awaited" if kind else "tf2_msgs for /tf_static is not installed"
         say(f"the extrinsics of the stereo rig (parameters T_rb_locsb) are not given: {source}")
 

@@ -28,6 +28,11 @@ class OdometryBuffer:
         self._order = RunOrder[tuple[int, Transform]]()
         self._changed = Condition()
 
+    @property
+    def last_ns(self) -> int | None:
+        """Stamp of the last stored message; None if the buffer is empty."""
+        return self._poses[-1][0] if self._poses else None
+
     def add(self, stamp_ns: int, T_odom_rb: Transform) -> None:
         """Add a message. Late messages are dropped. A new run clears the buffer, for example if a recording loops."""
         with self._changed:

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag.frames import FrameSeries, PoseRow, chain_above, chain_poses, pose_row
 from sfr_loc_map.io.truth.messages import TRUTH_TYPES, UNKNOWN, TrueRow, TruthReader
@@ -105,7 +105,7 @@ class Subscribe(Protocol):
         callback: Callable[[Any], None],
         qos: QoSProfile,
         *,
-        has_several_publishers: bool = False,
+        of_one_publisher: bool = True,
     ) -> Callable[[], object]: ...
 
 
@@ -138,6 +138,7 @@ class TopicTruthInput(TruthInput):
         self._node, self._reliability = node, reliability
         self._msgtype = ODOMETRY
         self._reader = TruthReader(ODOMETRY)
+        self._unusable = ""  # why the last message was not used; empty if it was used or none was received
 
     def subscribe(self, add_subscription: Subscribe, qos: QoSProfile, add: Callable[[list[TrueRow]], None]) -> None:
         """Subscribe with the type of the previous activation, or nav_msgs/Odometry in the first activation.
@@ -149,7 +150,18 @@ class TopicTruthInput(TruthInput):
             if msgtype != self._msgtype:
                 self._msgtype, self._reader = msgtype, TruthReader(msgtype)
             reader = self._reader
-            return add_subscription(message_type(msgtype), TRUE_POSES, lambda message: add(reader.rows(message)), qos)
+            self._unusable = ""
+
+            def received(message: Any) -> None:  # noqa: ANN401 - of any type in TRUTH_TYPES
+                try:
+                    rows = reader.rows(message)
+                except InputError as error:
+                    self._unusable = str(error)
+                    raise
+                self._unusable = _unusable(rows)
+                add(rows)
+
+            return add_subscription(message_type(msgtype), TRUE_POSES, received, qos)
 
         self._subscription = TruthSubscription(subscribe_to, self._msgtype)
 
@@ -166,6 +178,8 @@ class TopicTruthInput(TruthInput):
     def reason_for_silence(self) -> str:
         """Return why no true pose was received."""
         topic = self._node.resolve_topic_name(TRUE_POSES)
+        if self._unusable:
+            return f"nothing is scored without true poses on {topic}: {self._unusable}"
         found = silence_of(topic, tuple(TRUTH_TYPES), publishers_of(self._node, topic), self._reliability)
         return f"nothing is scored without true poses on {topic}: {found.text}; {found.fix}"
 
@@ -189,8 +203,8 @@ class FrameTruthInput(TruthInput):
 
         on_static = partial(on_transforms, is_static=True)
         on_moving = partial(on_transforms, is_static=False)
-        add_subscription(kind, TF_STATIC, on_static, TF_STATIC_QOS, has_several_publishers=True)
-        add_subscription(kind, TF, on_moving, qos, has_several_publishers=True)
+        add_subscription(kind, TF_STATIC, on_static, TF_STATIC_QOS, of_one_publisher=False)
+        add_subscription(kind, TF, on_moving, qos, of_one_publisher=False)
 
     @property
     def strays(self) -> int:
@@ -200,6 +214,15 @@ class FrameTruthInput(TruthInput):
     def reason_for_silence(self) -> str:
         """Return which transforms are required."""
         return f"nothing is scored without the transforms {self._frame} on /tf: publish them"
+
+
+def _unusable(rows: list[TrueRow]) -> str:
+    """Return why the poses of a message are not used, and the fix; empty if they are used."""
+    if not rows:
+        return "its messages contain no pose, such as a NavSatFix without a fix; check the sensor"
+    if all(stamp_ns <= 0 for stamp_ns, *_ in rows):
+        return "its poses have the stamp 0; publish them with the time of the measurement"
+    return ""
 
 
 def _forget_before(rows: list[PoseRow], stamp_ns: int) -> None:

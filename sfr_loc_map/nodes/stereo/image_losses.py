@@ -1,4 +1,4 @@
-"""The images of a stereo rig that are lost in transport, and their topics that have several publishers."""
+"""The images of a stereo rig that are lost in transport."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from sfr_loc_map.nodes.lifecycle.diagnostics import StatusReporter
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
 from sfr_loc_map.ros.environment import EXPORT_LINE
 from sfr_loc_map.ros.transport import TransportGaps, begin_counting
-from sfr_loc_map.transport_issues import MUCH_LOST, doubled_publishers, loss_fix
+from sfr_loc_map.transport_issues import MUCH_LOST, loss_fix
 
 LOSS_WINDOW = 40  #: Number of images after which the fraction lost in transport is checked again.
 
@@ -20,7 +20,6 @@ class ImageLosses:
         self._status = status
         self._endpoints = endpoints
         self._gaps: dict[str, TransportGaps] = {}  # gaps in the sequence numbers, by topic
-        self._doubled: list[str] = []  # a text for each topic that had several publishers at the last update
         self._counts_at_last_fraction = 0, 0  # images lost and sent when the lost fraction was last computed
 
     def begin_counting(self, topic: str) -> TransportGaps:
@@ -32,18 +31,12 @@ class ImageLosses:
         """Number of lost images; may be read in any thread."""
         return sum(gaps.lost for gaps in self._gaps.values())
 
-    def update_publishers(self) -> None:
-        """Count no losses on topics that have several publishers now, and count them on all others."""
-        self._doubled.clear()
+    def update_publishers(self) -> bool:
+        """Count no losses on topics that have several publishers now; return whether there is such a topic."""
+        several = {topic: len(self._endpoints.publishers(topic)) > 1 for topic in self._gaps}
         for topic, gaps in self._gaps.items():
-            issue = doubled_publishers(topic, self._endpoints.publishers(topic))
-            gaps.set_several(issue is not None)
-            if issue is not None:
-                self._doubled.append(f"{topic} has {issue.text}")
-
-    def doubled_text(self) -> str:
-        """Return which topics had several publishers at the last update; empty if all had at most one."""
-        return f"{'; '.join(self._doubled)}: stop all but one" if self._doubled else ""
+            gaps.set_several(several[topic])
+        return any(several.values())
 
     def warn_if_many(self) -> None:
         """Warn if more than `MUCH_LOST` of the images since the last check were lost.
@@ -59,7 +52,6 @@ class ImageLosses:
         fraction = (lost - lost_before) / (sent - sent_before)
         if fraction <= MUCH_LOST:
             return
-        self.update_publishers()
-        if not self._doubled:
+        if not self.update_publishers():
             text = f"{fraction:.0%} of the images of '{self._rig}' are lost in transport: {loss_fix(EXPORT_LINE)}"
             self._status.warn(text, "transport")

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rclpy.node import Node
 
 from sfr_loc_map.issues import Cause, Issue
-from sfr_loc_map.ros.publishers import publishers_of
+from sfr_loc_map.ros.publishers import is_remapped, publishers_of, resolved_name
+from sfr_loc_map.topics import COMPRESSED_END, RAW, RECTIFIED
 from sfr_loc_map.transport_issues import Reliability, silence_of
 
 MORE = "sfr doctor examines the graph"
@@ -28,9 +29,13 @@ class Input:
     is_stream: bool = True  #: Whether the input is published continuously; camera_info may be published once.
 
 
-def missing_input(node: Node, inputs: Sequence[Input]) -> str:
-    """Return which inputs are not received, with the reason that the graph shows; empty if all are received."""
-    found = [_silence(node, item) for item in inputs if not item.received]
+def missing_input(node: Node, inputs: Sequence[Input], *, has_received: bool) -> str:
+    """Return which inputs are not received, with the reason that the graph shows; empty if all are received.
+
+    `has_received` states whether the node has received its inputs earlier.
+    """
+    transport_works = has_received or any(item.received for item in inputs)
+    found = [_silence(node, item, transport_works=transport_works) for item in inputs if not item.received]
     if not found:
         return ""
     cause = min((issue.cause for issue in found), key=ORDER.index)
@@ -42,7 +47,7 @@ def missing_input(node: Node, inputs: Sequence[Input]) -> str:
     return f"Waiting for {'; '.join(parts)}; {MORE}"
 
 
-def _silence(node: Node, item: Input) -> Issue:
+def _silence(node: Node, item: Input, *, transport_works: bool) -> Issue:
     """Return why an input receives no messages on any of its topics.
 
     The reason belongs to the first topic that has a publisher. If no topic has a publisher, the reason belongs to the
@@ -50,13 +55,26 @@ def _silence(node: Node, item: Input) -> Issue:
     """
     found, remapped = [], []
     for name, kind in item.topics.items():
-        topic = node.resolve_topic_name(name)
+        topic = resolved_name(node, name)
         publishers = publishers_of(node, topic)
-        found.append(silence_of(topic, (type_name(kind),), publishers, Reliability(item.reliability)))
-        if topic != node.resolve_topic_name(name, only_expand=True):
+        requested = Reliability(item.reliability)
+        issue = silence_of(topic, (type_name(kind),), publishers, requested, transport_works=transport_works)
+        if not publishers and (other := _other_kind(node, topic)):
+            rectify = "true" if other == RAW else "false"
+            issue = replace(issue, fix=f"set the parameter input.rectify to {rectify}: {other} is published")
+        found.append(issue)
+        if is_remapped(node, name):
             remapped.append(found[-1])
     published = [issue for issue in found if issue.cause is not Cause.NO_PUBLISHER]
     return (published or remapped or found)[0]
+
+
+def _other_kind(node: Node, topic: str) -> str:
+    """Return which images are published beside a topic without a publisher: raw, rectified, or none (empty)."""
+    camera, _, name = topic.removesuffix(COMPRESSED_END).rpartition("/")
+    other = {RECTIFIED: RAW, RAW: RECTIFIED}.get(name, "")
+    beside = (f"{camera}/{other}", f"{camera}/{other}{COMPRESSED_END}") if other else ()
+    return other if any(map(node.count_publishers, beside)) else ""
 
 
 def type_name(kind: type[Any]) -> str:

@@ -14,6 +14,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from sfr_loc_map.configuration.parameters import param
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.io.calibration.projections import long_baseline
 from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_infos
 from sfr_loc_map.io.image_codec import SampleDepth, Samples, samples_of
 from sfr_loc_map.message_stamps import NS_PER_S, stamp_of
@@ -245,6 +246,8 @@ class StereoInput:
         if self.rig is None or not self.rig.same_cameras(rig):
             if self.rig is not None:
                 self._status.info(f"camera_info of '{self._name}' has changed")
+            if warning := long_baseline(rig.baseline_m, f"cameras '{self._name}'"):
+                self._status.warn(warning)
             self.rig = rig
         while self._without_rig:
             self._hand_over(rig, self._without_rig.popleft())

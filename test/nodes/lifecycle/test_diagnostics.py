@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 
@@ -33,3 +34,20 @@ def test_a_call_is_reported_in_readable_values(ros: None) -> None:
     assert (values["conversion_s"], values["dropped_x"]) == ("0.5", "4")
     assert "above_idle_bytes" not in values, "unknown"
     assert max(len(text) for text in values.values()) < 100
+
+
+def test_problems_that_differ_in_their_numbers_are_one_and_another_kind_is_logged(
+    ros: None, capfd: pytest.CaptureFixture[str]
+) -> None:
+    node = rclpy.create_node("tried")
+    reporter = StatusReporter(node, "localisation", HealthConfig(), lambda: NodeSnapshot("active", {}, 0, False))
+    taken: list[DiagnosticArray] = []
+    reporter.publisher = SimpleNamespace(publish=taken.append)
+    for stamp in range(3):
+        reporter.error(f"image of stamp {stamp} is too small")
+    reporter.error("the calibration is empty")
+    node.destroy_node()
+    texts = [array.status[0].message for array in taken if array.status[0].name.endswith("health")]
+    assert texts[-1] == "the calibration is empty; image of stamp 2 is too small"
+    logged = capfd.readouterr().err
+    assert (logged.count("is too small"), logged.count("calibration is empty")) == (1, 1)

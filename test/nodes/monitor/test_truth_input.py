@@ -7,6 +7,10 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+import rclpy
+from nav_msgs.msg import Odometry
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import NavSatFix, NavSatStatus
 
 from helpers.message_bags import write_messages
 from sfr_loc_map.errors import ConfigError
@@ -15,8 +19,11 @@ from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.registry import read_truth
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.truth.config import TruthConfig
-from sfr_loc_map.nodes.monitor.truth_input import FramePoses
+from sfr_loc_map.io.truth.messages import TruthReader
+from sfr_loc_map.message_types import FIX, ODOMETRY
+from sfr_loc_map.nodes.monitor.truth_input import FramePoses, TopicTruthInput
 from sfr_loc_map.run_order import RunOrder
+from sfr_loc_map.transport_issues import Reliability
 
 T = TYPESTORE.types
 BEGIN_NS, MS = 1_700_000_000_000_000_000, 1_000_000
@@ -34,6 +41,34 @@ def test_dropped_transforms_are_counted_while_another_thread_adds_a_transform() 
 
     frame._orders["base_link", "map"] = cast("Any", Growing())
     assert frame.strays == 2
+
+
+@pytest.mark.parametrize(
+    ("msgtype", "message", "words"),
+    [
+        (ODOMETRY, Odometry(), "stamp 0"),
+        (FIX, NavSatFix(status=NavSatStatus(status=NavSatStatus.STATUS_NO_FIX)), "without a fix"),
+    ],
+)
+def test_true_poses_that_are_received_but_unusable_have_their_own_reason(
+    ros: None, msgtype: str, message: Any, words: str
+) -> None:
+    node = rclpy.create_node("judge")
+    truth, callbacks = TopicTruthInput(node, Reliability.BEST_EFFORT), list[Any]()
+
+    def subscribe(kind: type[Any], topic: str, callback: Any, qos: QoSProfile, **_: bool) -> Any:
+        callbacks.append(callback)
+        return callbacks.clear
+
+    truth._msgtype = msgtype
+    truth._reader = TruthReader(msgtype)
+    truth.subscribe(subscribe, QoSProfile(depth=1), lambda rows: None)
+    if isinstance(message, Odometry):
+        message.pose.pose.orientation.w = 1.0
+    assert "no publisher" in truth.reason_for_silence()
+    callbacks[-1](message)
+    assert words in truth.reason_for_silence()
+    node.destroy_node()
 
 
 def transform(stamp_ns: int, parent: str, child: str, xyz: Any, yaw: float) -> Any:
