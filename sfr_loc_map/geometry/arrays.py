@@ -1,4 +1,6 @@
-"""Array types of all packages, their names in messages, read-only views, and two reductions faster than those of numpy.
+"""Array types of all packages, their names in messages, read-only views, and functions for small arrays.
+
+The functions for small arrays are faster than those of numpy.
 
 The name of a type describes the content of an array. Shape and unit are given where the array is used.
 """
@@ -6,6 +8,7 @@ The name of a type describes the content of an array. Shape and unit are given w
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -56,6 +59,18 @@ def read_only(array: NDArray[T]) -> NDArray[T]:
 def length(vector: FloatArray) -> float:
     """Return the Euclidean norm of a vector `(N,)`, faster than `numpy.linalg.norm`."""
     return math.sqrt(vector.dot(vector))
+
+
+def is_finite(*arrays: FloatArray) -> bool:
+    """Return whether all numbers of some small arrays are finite, faster than `numpy.isfinite`."""
+    return all(math.isfinite(number) for array in arrays for number in array.ravel().tolist())
+
+
+def diagonal_matrix(values: Sequence[float]) -> FloatArray:
+    """Return the matrix `(N, N)` with N values on its diagonal, faster than `numpy.diag`."""
+    matrix = np.zeros((len(values), len(values)))
+    matrix.flat[:: len(values) + 1] = values
+    return matrix
 
 
 def median(values: NDArray[np.floating[Any]]) -> float:

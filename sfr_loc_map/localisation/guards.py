@@ -10,8 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
-import numpy as np
-
+from sfr_loc_map.geometry.arrays import is_finite
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
@@ -23,6 +22,7 @@ from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame, is_textu
 from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
 from sfr_loc_map.localisation.motion_model import LastPose
 from sfr_loc_map.localisation.motion_size import MotionSize, size_between
+from sfr_loc_map.localisation.small_linalg import is_positive_definite
 from sfr_loc_map.localisation.stale_images import ImageComparison, show_one_image
 
 SLACK: Final = MotionSize(1.0, 1.0)
@@ -116,10 +116,7 @@ def check_pose(tracks: Tracks, last: LastPose, stamp_ns: int, bounds: MotionBoun
 
     A determined pose is finite, and its information matrix is positive definite.
     """
-    numbers = (tracks.information, tracks.pose.rotation, tracks.pose.position)
-    is_finite = all(np.isfinite(array).all() for array in numbers)
-    is_determined = is_finite and np.linalg.eigvalsh(tracks.information)[0] > 0.0
-    if not is_determined:
+    if not (is_finite(*tracks.pose) and is_positive_definite(tracks.information)):
         return frozenset({Finding.SINGULAR})
     seconds = last.unobserved_s(stamp_ns)
     moved = size_between(Pose.of(last.T_world_left), tracks.pose)

@@ -15,10 +15,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray, median
+from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.jit import jit
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap, NewLandmarks, SlidingWindow
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -31,6 +32,7 @@ from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.stereo_matching import match_corners
 from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.motion_size import MotionSize, size_between
+from sfr_loc_map.localisation.small_linalg import median_without_nan
 
 KEYFRAME_FLOW_RATIO = 0.05
 """Median optical flow since the last keyframe that triggers a new keyframe, as a fraction of the image width. A value
@@ -118,14 +120,11 @@ class KeyframeMaker:
 
     def is_needed(self, tracks: Tracks, landmark_map: LandmarkMap) -> bool:
         """Return whether few landmarks of the last keyframe are tracked, or the landmarks moved far in the image."""
-        last_seen = tracks.landmarks.last_seen
-        flow_px = np.linalg.norm((tracks.observations - last_seen)[tracks.inliers, :2], axis=1)
-        flow_px = flow_px[np.isfinite(flow_px)]
         is_active = landmark_map.window.active[tracks.landmarks.rows]
-        in_last_keyframe = np.count_nonzero(is_active & np.isfinite(last_seen[:, 0]))
-        if len(flow_px) < KEYFRAME_INLIER_RATIO * in_last_keyframe:
+        flow = _flow_since(tracks.landmarks.last_seen, tracks.observations, tracks.inliers, is_active)
+        if flow.tracked < KEYFRAME_INLIER_RATIO * flow.in_keyframe:
             return True
-        return len(flow_px) > 0 and median(flow_px) > KEYFRAME_FLOW_RATIO * self._rig.width
+        return flow.median_px > KEYFRAME_FLOW_RATIO * self._rig.width  # False for NaN
 
     def begin_window(
         self, frame: StereoFrame, pose: Pose, calibration: OnlineCalibration, ground_mask: ImageMask | None
@@ -211,6 +210,30 @@ class KeyframeMaker:
             observed=StereoObservations(np.column_stack((found.uv, right_uv)), np.stack((variance, variance), axis=1)),
         )
         return window.with_landmarks(frame.left, new), calibration
+
+
+class _Flow(NamedTuple):
+    """Image motion of landmarks in the left image since the newest keyframe."""
+
+    in_keyframe: int  #: Number of active landmarks that were observed in the keyframe.
+    tracked: int  #: Number of inliers that were observed in the keyframe.
+    median_px: float  #: Median length of their image motions, px; NaN if there are none.
+
+
+@jit
+def _flow_since(keyframe_uv: FloatArray, uv: FloatArray, inliers: Mask, is_active: Mask) -> _Flow:
+    """Return the flow of landmarks from pixels `(M, 4)` in the newest keyframe to those in a pair."""
+    in_keyframe = 0
+    tracked = 0
+    flow_px = np.full(len(uv), np.nan)
+    for n in range(len(uv)):
+        in_keyframe += is_active[n] and not np.isnan(keyframe_uv[n, 0])
+        if inliers[n]:
+            u = uv[n, 0] - keyframe_uv[n, 0]
+            v = uv[n, 1] - keyframe_uv[n, 1]
+            flow_px[n] = np.sqrt(u * u + v * v)  # NaN if not observed
+            tracked += not np.isnan(flow_px[n])
+    return _Flow(in_keyframe, tracked, median_without_nan(flow_px))
 
 
 def _observed_in_newest(window: SlidingWindow) -> FloatArray:

@@ -93,9 +93,7 @@ places by the kind of the error.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager
 from dataclasses import replace
 from time import perf_counter
 
@@ -104,7 +102,6 @@ import numpy as np
 from sfr_loc_map import __version__
 from sfr_loc_map.configuration.parameters import checked
 from sfr_loc_map.errors import LocalisationError
-from sfr_loc_map.geometry.arrays import FloatArray, median
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig, check_rig
@@ -149,18 +146,27 @@ class StageClock:
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
 
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Add the time within the context to a stage."""
-        start = perf_counter()
-        try:
-            yield
-        finally:
-            self.add(name, perf_counter() - start)
+    def stage(self, name: str) -> _Stage:
+        """Return a context that adds the time within it to a stage."""
+        return _Stage(self, name)
 
     def add(self, name: str, seconds: float) -> None:
         """Add a time that was measured elsewhere to a stage."""
         self.seconds[name] = self.seconds.get(name, 0.0) + seconds
+
+
+class _Stage:
+    """Context that adds the time within it to a stage. A generator as context would take three times as long."""
+
+    def __init__(self, clock: StageClock, name: str) -> None:
+        self._clock = clock
+        self._name = name
+
+    def __enter__(self) -> None:
+        self._start = perf_counter()
+
+    def __exit__(self, *_: object) -> None:
+        self._clock.add(self._name, perf_counter() - self._start)
 
 
 class Localiser:
@@ -347,7 +353,7 @@ class Localiser:
         if verdict.refuses:
             return self._begin_or_refuse(state.refused(candidate, verdict), verdict, frame, findings, candidate.tracks)
         # 9 complete: later pairs are compared with the left image of a reference, which must show enough landmarks
-        has_landmarks = candidate.tracks.left_inlier_count >= self._config.min_tracked
+        has_landmarks = candidate.tracks.counts.in_left >= self._config.min_tracked
         is_reference = verdict.can_be_reference and has_landmarks
         is_keyframe = is_reference and self._keyframes.is_needed(candidate.tracks, candidate.landmark_map)
         if is_keyframe:
@@ -434,7 +440,7 @@ class Localiser:
             inliers=tracks.inlier_count,
             keyframes=after.keyframes,
             chi_median=tracks.chi_median,
-            residual_px=_median_residual_px(tracks),
+            residual_px=tracks.median_residual_px,
             vertical_offset_px=offset.pitch_px,
             disparity_offset_px=-offset.yaw_px,
             roll_offset_px=offset.roll_px,
@@ -594,18 +600,6 @@ class Localiser:
             step=outcome.step,
             tracks=None if outcome.tracks is None else _displayed(outcome.tracks),
         )
-
-
-def _median_residual_px(tracks: Tracks) -> float:
-    """Return the median residual of the inliers, px, from chi-square and the mean variance of each landmark."""
-    observations = tracks.observations[tracks.inliers]
-    variance = tracks.variance[tracks.inliers]
-    mean_variance = 0.5 * (variance[:, :, 0] + variance[:, :, 2])
-    in_left = np.isfinite(observations[:, 0])
-    in_right = np.isfinite(observations[:, 2])
-    total: FloatArray = np.where(in_left, mean_variance[:, 0], 0.0) + np.where(in_right, mean_variance[:, 1], 0.0)
-    image_count = in_left.astype(np.int64) + in_right  # at least 1 for an inlier
-    return median(np.sqrt(tracks.chi2_per_dof[tracks.inliers] * (total / image_count)))
 
 
 def _displayed(tracks: Tracks) -> LandmarkTracks:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import NamedTuple
-
-import numpy as np
 
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.transform import Transform, interpolated
@@ -50,11 +47,10 @@ class Prediction(NamedTuple):
 
 def _are_equal(first: Pose, second: Pose) -> bool:
     """Return whether two poses are exactly equal."""
-    return all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
+    return bool((first.position == second.position).all() and (first.rotation == second.rotation).all())
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LastPose:
+class LastPose(NamedTuple):
     """The last known pose of the left camera, and the motion that led to it."""
 
     T_world_left: Transform  #: Last known pose in the present map; an adjustment of the map changes it.
@@ -117,18 +113,29 @@ class LastPose:
         return Prediction(Pose.of(repeated), Pose.of(last), tuple(map(Pose.of, others)))
 
     def accepted(
-        self, stamp_ns: int, T_world_left: Transform, moved: MotionSize, *, period_ns: int, was_known: bool
+        self,
+        stamp_ns: int,
+        T_world_left: Transform,
+        T_before_last: Transform,
+        moved: MotionSize,
+        *,
+        period_ns: int,
+        was_known: bool,
     ) -> LastPose:
         """Return the pose of an accepted pair. The speed is updated only if the previous pose was known.
 
-        `moved` is the size of the motion from the last known pose. The period is the time between the pair and the
-        previous pair, whether that was refused or not.
+        Args:
+            stamp_ns: Stamp of the pair.
+            T_world_left: Pose of the pair.
+            T_before_last: Motion from the last known pose to this pose.
+            moved: Size of this motion.
+            period_ns: Time between the pair and the previous pair, whether that was refused or not.
+            was_known: Whether the previous pose was known.
         """
         speed = self.speed
         if was_known:
             seconds = self.unobserved_s(stamp_ns)
             speed = Speed(moved.metres / seconds, moved.radians / seconds) if seconds > 0.0 else Speed(0.0, 0.0)
-        T_before_last = self.T_world_left.inverse() @ T_world_left
         motion_ns = stamp_ns - self.accepted_ns
         # the next pair cannot repeat the motion over a long gap
         if round(motion_ns / period_ns) - 1 > MAX_MISSED_PAIRS:
@@ -141,15 +148,15 @@ class LastPose:
 
         The speed is kept, because the rover may have continued at this speed while its motion was unobserved.
         """
-        return replace(self, known_ns=stamp_ns)
+        return self._replace(known_ns=stamp_ns)
 
     def adjusted(self, T_world_left: Transform) -> LastPose:
         """Return the pose after an adjustment of the map moved it."""
-        return replace(self, T_world_left=T_world_left)
+        return self._replace(T_world_left=T_world_left)
 
     def lost(self) -> LastPose:
         """Return the pose after a lost pair. The next pose is predicted at this pose, and the speed is kept."""
-        return replace(self, T_before_last=Transform.identity())
+        return self._replace(T_before_last=Transform.identity())
 
     def window_begun(self, stamp_ns: int) -> LastPose:
         """Return the pose after a new window began at this pose. A standstill is predicted, and the speed is kept."""

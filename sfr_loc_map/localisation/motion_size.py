@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray, length
+from sfr_loc_map.geometry.arrays import FloatArray, diagonal_matrix, length
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.transform import Transform
@@ -33,7 +33,7 @@ class MotionSize(NamedTuple):
         radians = min(self.radians, MAX_ANGLE_RAD)
         m2 = self.metres * self.metres
         rad2 = radians * radians
-        return np.diag([m2, m2, m2, rad2, rad2, rad2])
+        return diagonal_matrix((m2, m2, m2, rad2, rad2, rad2))
 
     def plus(self, other: MotionSize) -> MotionSize:
         """Return the sum with another size."""

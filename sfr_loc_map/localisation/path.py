@@ -49,7 +49,6 @@ such pair. A reset changes `known_ns`, and empties the history.
 from __future__ import annotations
 
 from bisect import bisect_left
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from sfr_loc_map.geometry.arrays import FloatArray
@@ -135,8 +134,7 @@ class History(NamedTuple):
         return nearest, abs(nearest.stamp_ns - stamp_ns) / NS_PER_S
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Datum:
+class Datum(NamedTuple):
     """Pose of the localiser's world frame in DS, and the external pose that will change it next."""
 
     T_ds_world: Transform  #: Takes points in the world to DS.
@@ -148,8 +146,7 @@ class Datum:
     anchored_ns: int | None = None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PathState:
+class PathState(NamedTuple):
     """Poses and accumulated errors so far. Each method but `pose_at` is an event, and returns the path after it."""
 
     last: LastPose  #: Last known pose in the present map, and the motion to it.
@@ -176,16 +173,17 @@ class PathState:
         on, with the uncertainty of the motion until its stamp, and is applied again at its stamp.
         """
         if self.arrived_ns is not None:
-            return replace(self, arrived_ns=stamp_ns, period_ns=stamp_ns - self.arrived_ns)
+            return self._replace(arrived_ns=stamp_ns, period_ns=stamp_ns - self.arrived_ns)
         start = self.datum.waiting
         assert start is not None, "the start pose"
         valid_ns = _valid_ns(start, stamp_ns, MAX_START_AHEAD_NS)
-        datum = replace(self.datum, waiting=start if valid_ns > stamp_ns else None, waiting_ns=valid_ns)
-        return replace(self, datum=datum, last=self.last.at_stamp(valid_ns), arrived_ns=stamp_ns)
+        datum = self.datum._replace(waiting=start if valid_ns > stamp_ns else None, waiting_ns=valid_ns)
+        return self._replace(datum=datum, last=self.last.at_stamp(valid_ns), arrived_ns=stamp_ns)
 
     def accepted(self, pair: AcceptedPair, model: RoverModel) -> tuple[PathState, StepEstimate]:
         """Return the path with the pose of an accepted pair, and the step to it."""
-        moved = size_of(self.last.T_world_left.inverse() @ pair.T_world_left)
+        T_last_now = self.last.T_world_left.inverse() @ pair.T_world_left
+        moved = size_of(T_last_now)
         added = inflation_of(
             pair.inflation,
             unobserved=unobserved_size(self.last.speed, self.last.unobserved_s(pair.stamp_ns), model.bounds),
@@ -196,18 +194,18 @@ class PathState:
         errors = self.errors.accepted(pair, self.last.T_world_left, added, model)
         published, step = self.published.accepted(pair, self.last.speed, added, model)
         last = self.last.accepted(
-            pair.stamp_ns, pair.T_world_left, moved, period_ns=self.period_ns, was_known=pair.was_known
+            pair.stamp_ns, pair.T_world_left, T_last_now, moved, period_ns=self.period_ns, was_known=pair.was_known
         )
         was_accepted = pair.was_known and not self.published.is_kept  # the previous pair was neither lost nor kept
         follows_directly = was_accepted and self.last.is_followed_by(pair.stamp_ns)
         history = self.history.with_pose(_past_pose(last, errors, follows_directly=follows_directly))
-        return replace(self, last=last, errors=errors, published=published, history=history), step
+        return self._replace(last=last, errors=errors, published=published, history=history), step
 
     def kept(self, stamp_ns: int, model: RoverModel) -> tuple[PathState, StepEstimate]:
         """Return the path with the last pose kept at a stamp, and the step; the rover may have moved unobserved."""
         errors = self.errors.kept(self._unobserved(stamp_ns, model))
         published, step = self._step_to_last(stamp_ns, model)
-        return replace(self, errors=errors, published=published), step
+        return self._replace(errors=errors, published=published), step
 
     def window_begun(
         self, stamp_ns: int, landmark_map: LandmarkMap, model: RoverModel
@@ -223,11 +221,11 @@ class PathState:
         published = published.window_begun()
         last = self.last.window_begun(stamp_ns)
         history = self.history.with_pose(_past_pose(last, errors, follows_directly=False))
-        return replace(self, last=last, errors=errors, published=published, history=history), step
+        return self._replace(last=last, errors=errors, published=published, history=history), step
 
     def lost(self) -> PathState:
         """Return the path after a lost pair."""
-        return replace(self, last=self.last.lost())
+        return self._replace(last=self.last.lost())
 
     def adjusted(self, landmark_map: LandmarkMap, model: RoverModel, *, has_yaw_step: bool) -> PathState:
         """Return the path that continues from the adjusted pose of the last pair, the newest keyframe of a window.
@@ -242,7 +240,7 @@ class PathState:
         last = self.last.adjusted(T_world_left)
         follows_directly = self.history.poses[-1].follows_directly
         history = self.history.with_last(_past_pose(last, errors, follows_directly=follows_directly))
-        return replace(self, last=last, errors=errors, published=published, history=history)
+        return self._replace(last=last, errors=errors, published=published, history=history)
 
     def _step_to_last(self, stamp_ns: int, model: RoverModel) -> tuple[PublishedPose, StepEstimate]:
         """Return the last known pose, published again at a stamp, and the step to it."""
@@ -264,7 +262,7 @@ class PathState:
 
     def pose_set(self, pose: StartPose, model: RoverModel) -> PathState:
         """Return the path with an external pose, which waits for its stamp. Before the first pair: the start pose."""
-        path = replace(self, datum=replace(self.datum, waiting=pose, waiting_ns=None))
+        path = self._replace(datum=self.datum._replace(waiting=pose, waiting_ns=None))
         return path._reset(pose, pose.stamp_ns, model) if self.arrived_ns is None else path
 
     def pose_applied(self, stamp_ns: int, model: RoverModel) -> tuple[PathState, bool]:
@@ -279,14 +277,14 @@ class PathState:
         if at_ns is None:
             at_ns = _valid_ns(pose, stamp_ns, MAX_AHEAD_NS)
         if at_ns > stamp_ns:
-            return replace(self, datum=replace(datum, waiting_ns=at_ns)), False
-        path = replace(self, datum=replace(datum, waiting=None, waiting_ns=None))
+            return self._replace(datum=datum._replace(waiting_ns=at_ns)), False
+        path = self._replace(datum=datum._replace(waiting=None, waiting_ns=None))
         has_past = bool(self.history.poses)
         later_ns = at_ns - self.last.accepted_ns
         is_far = not has_past or later_ns > MAX_LATER_PERIODS * self._shortest_period_ns
         path = path._reset(pose, at_ns, model) if is_far else path._anchored(pose, at_ns, model)
         if not has_past or later_ns > 0:  # the present pair is kept or lost
-            path = replace(path, errors=path.errors.kept(path._unobserved(stamp_ns, model)))
+            path = path._replace(errors=path.errors.kept(path._unobserved(stamp_ns, model)))
         return path, is_far
 
     def pose_at(self, stamp_ns: int, model: RoverModel) -> Transform | None:
@@ -306,10 +304,9 @@ class PathState:
         """Return the path whose last pose is an external pose, known at a stamp. The earlier path is discarded."""
         T_world_left = self.last.T_world_left
         T_ds_world, covariance = _with_external(T_world_left, pose, model)
-        return replace(
-            self,
+        return self._replace(
             last=self.last.at_stamp(stamp_ns),
-            datum=replace(self.datum, T_ds_world=T_ds_world, anchored_ns=None),
+            datum=self.datum._replace(T_ds_world=T_ds_world, anchored_ns=None),
             errors=self.errors.reset(LocatedCovariance(T_world_left.translation, covariance)),
             history=History(),
         )
@@ -334,7 +331,7 @@ class PathState:
         if at_ns <= last_ns:  # the present pose is that of a pair, too
             origin = origin.accepted()
         errors = self.errors.anchored(origin, at_last_pair=past.stamp_ns == last_ns)
-        return replace(self, datum=replace(self.datum, T_ds_world=T_ds_world, anchored_ns=at_ns), errors=errors)
+        return self._replace(datum=self.datum._replace(T_ds_world=T_ds_world, anchored_ns=at_ns), errors=errors)
 
 
 def _past_pose(last: LastPose, errors: PathErrors, *, follows_directly: bool) -> PastPose:

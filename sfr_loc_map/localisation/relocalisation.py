@@ -104,7 +104,7 @@ class RecoveryImages(NamedTuple):
     def accepted(self, image: GreyImage, tracks: Tracks) -> RecoveryImages:
         """Return the recovery images, updated by an image whose pose was accepted."""
         known = KnownImage(image, tracks.observations[:, :2], tracks.landmarks)
-        is_best = tracks.left_inlier_count >= MIN_BEST_RATIO * len(tracks.inliers)
+        is_best = tracks.counts.in_left >= MIN_BEST_RATIO * len(tracks.inliers)
         return RecoveryImages(known, None if is_best else self.best)
 
     def adjusted(self, landmarks: Landmarks) -> RecoveryImages:

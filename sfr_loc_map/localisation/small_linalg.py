@@ -65,6 +65,25 @@ def cholesky(matrix: FloatArray) -> FloatArray:
 
 
 @jit
+def is_positive_definite(matrix: FloatArray) -> bool:
+    """Return whether a symmetric matrix `(n, n)` is finite and positive definite: it has a Cholesky factor."""
+    n = len(matrix)
+    lower = np.zeros((n, n))
+    for j in range(n):
+        for i in range(j, n):
+            total = matrix[i, j]
+            for k in range(j):
+                total -= lower[i, k] * lower[j, k]
+            if i > j:
+                lower[i, j] = total / lower[j, j]
+            elif 0.0 < total < np.inf:  # False for NaN
+                lower[j, j] = np.sqrt(total)
+            else:
+                return False
+    return True
+
+
+@jit
 def solve(matrix: FloatArray, rhs: FloatArray) -> FloatArray:
     """Return x `(n,)` with `matrix @ x = rhs`, for a symmetric positive definite matrix."""
     n = len(rhs)
@@ -186,6 +205,18 @@ def reorder_to_median(values: FloatArray) -> float:
     for i in range(half):
         below = max(below, values[i])
     return float((below + middle) / 2.0)
+
+
+@jit
+def median_without_nan(values: FloatArray) -> float:
+    """Return the median of the numbers `(N,)` that are not NaN; NaN if there are none."""
+    numbers = np.empty(len(values))
+    count = 0
+    for value in values:
+        if not np.isnan(value):
+            numbers[count] = value
+            count += 1
+    return reorder_to_median(numbers[:count]) if count else np.nan
 
 
 @jit

@@ -39,6 +39,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, Mask
 from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.jit import jit
 
 # The thresholds were chosen by hand on rendered drives with injected faults and with noise of up to about ten grey
 # levels.
@@ -166,11 +167,12 @@ def repeated_rows(before: GreyImage, now: GreyImage) -> RepeatedRows:
     if not _differ_by_more_than_noise(before[some], now[some]) and is_repeated_with_noise(before, now):
         return RepeatedRows(np.ones(len(now), np.bool_), is_frozen=True, is_fully_repeated=True)
     same = equal_rows(before, now)
-    if same.any():
-        textured = np.ptp(now, axis=1) >= MIN_ROW_RANGE
-        rows = same & textured
-        if np.count_nonzero(rows) >= MIN_STALE_FRACTION * len(now):
-            return RepeatedRows(rows, is_frozen=bool(same[textured].all()), is_fully_repeated=bool(same.all()))
+    if not same.any():
+        return RepeatedRows(same, is_frozen=False, is_fully_repeated=False)
+    textured = np.ptp(now, axis=1) >= MIN_ROW_RANGE
+    rows = same & textured
+    if np.count_nonzero(rows) >= MIN_STALE_FRACTION * len(now):
+        return RepeatedRows(rows, is_frozen=bool(same[textured].all()), is_fully_repeated=bool(same.all()))
     return RepeatedRows(np.zeros(len(now), np.bool_), is_frozen=False, is_fully_repeated=bool(same.all()))
 
 
@@ -180,12 +182,16 @@ def _differ_by_more_than_noise(before: GreyImage, now: GreyImage) -> bool:
     return cv2.meanStdDev(change)[1].item() ** 2 > NOISE_MARGIN * MAX_NOISE**2
 
 
+@jit
 def equal_rows(before: GreyImage, now: GreyImage) -> Mask:
-    """Return which rows `(H,)` of two images are equal; one column decides for most rows."""
-    middle = before.shape[1] // 2
-    candidates = np.flatnonzero(before[:, middle] == now[:, middle])
-    same = np.zeros(len(now), np.bool_)
-    same[candidates] = (before[candidates] == now[candidates]).all(axis=1)
+    """Return which rows `(H,)` of two images are equal. The first different pixel of a row decides."""
+    height, width = now.shape
+    same = np.zeros(height, np.bool_)
+    for row in range(height):
+        column = 0
+        while column < width and before[row, column] == now[row, column]:
+            column += 1
+        same[row] = column == width
     return same
 
 

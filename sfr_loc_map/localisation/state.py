@@ -29,10 +29,12 @@ pair that does not repeat the previous pair.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import numpy as np
+
 from sfr_loc_map.geometry.camera import Pose
+from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.estimate import StartPose, StateReason, StepEstimate, TrackingState, TrackingStatistics
@@ -65,8 +67,7 @@ class Candidate(NamedTuple):
     shear: RowShear = NO_SHEAR  #: Shear of the rows of this pair.
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class State:
+class State(NamedTuple):
     """State that persists between two pairs, except for the keyframe that is being made in the background."""
 
     path: PathState  #: Last pose, datum, past poses and accumulated errors.
@@ -96,15 +97,14 @@ class State:
 
     def pose_set(self, pose: StartPose, model: RoverModel) -> State:
         """Return the state with an external pose, which is applied once its stamp is reached."""
-        return replace(self, path=self.path.pose_set(pose, model))
+        return self._replace(path=self.path.pose_set(pose, model))
 
     def adjusted(self, result: KeyframeResult, model: RoverModel) -> State:
         """Return the state with the adjusted map, pose and calibration of a keyframe."""
         landmark_map = result.landmark_map
         path = self.path.adjusted(landmark_map, model, has_yaw_step=result.has_yaw_step)
         T_after_before = path.last.T_world_left @ self.path.last.T_world_left.inverse()
-        return replace(
-            self,
+        return self._replace(
             path=path,
             ground_memory=self.ground_memory.adjusted(T_after_before),
             landmark_map=landmark_map,
@@ -119,12 +119,11 @@ class State:
         yaw up to here then count as errors (`disparity` in `uncertainty`), because the yaw that they were based on is
         discarded.
         """
-        return replace(self, landmark_map=None, calibration=self.calibration.diverged(), has_diverged=True)
+        return self._replace(landmark_map=None, calibration=self.calibration.diverged(), has_diverged=True)
 
     def arrived(self, images: ImageComparison, stamp_ns: int) -> State:
         """Return the state after a pair arrived and was compared with the previous pair."""
-        return replace(
-            self,
+        return self._replace(
             path=self.path.arrived(stamp_ns),
             image_memory=images.memory,
             ground_memory=self.ground_memory.rows_stale(images.blanked_rows),
@@ -144,9 +143,13 @@ class State:
             is_reference: Whether lost tracking may be recovered from the pair.
             is_keyframe: Whether the pair becomes a keyframe.
         """
+        tracks = candidate.tracks
         pair = AcceptedPair(
             stamp_ns=candidate.frame.stamp_ns,
-            tracks=candidate.tracks,
+            T_world_left=Transform(*tracks.pose),
+            given_keyframes=np.asarray(np.linalg.inv(tracks.information)),
+            tracked_depth_m=tracks.landmarks.median_depth,
+            chi_median=tracks.chi_median,
             landmark_map=candidate.landmark_map,
             calibration=candidate.calibration,
             was_known=self.status is not TrackingState.LOST,
@@ -157,9 +160,8 @@ class State:
         path, step = self.path.accepted(pair, model)
         recovery = self.recovery
         if is_reference:
-            recovery = recovery.accepted(candidate.frame.image, candidate.tracks)
-        after = replace(
-            self,
+            recovery = recovery.accepted(candidate.frame.image, tracks)
+        after = self._replace(
             path=path,
             landmark_map=candidate.landmark_map,
             calibration=candidate.calibration,
@@ -178,29 +180,25 @@ class State:
 
     def refused(self, candidate: Candidate, verdict: Verdict) -> State:
         """Return the state after the pose of a pair was refused, before the pair is kept, lost or begins a window."""
-        return replace(self, ground_memory=self.ground_memory.after_verdict(candidate.ground.learnt, verdict))
+        return self._replace(ground_memory=self.ground_memory.after_verdict(candidate.ground.learnt, verdict))
 
     def recovery_failed(self) -> State:
         """Return the state after a further refused pair with good images."""
-        return replace(self, failed_recoveries=self.failed_recoveries + 1)
+        return self._replace(failed_recoveries=self.failed_recoveries + 1)
 
     def window_failed(self) -> State:
         """Return the state after a textured pair with too few landmarks for a window, before the pair is lost."""
-        return replace(self, ground_memory=self.ground_memory.window_failed(self.calibration.shape))
+        return self._replace(ground_memory=self.ground_memory.window_failed(self.calibration.shape))
 
     def kept(self, reason: StateReason | None, stamp_ns: int, model: RoverModel) -> tuple[State, StepEstimate]:
         """Return the state in which the last pose is published again with a larger covariance, and the step to it."""
         path, step = self.path.kept(stamp_ns, model)
-        return replace(self, path=path, status=TrackingState.DEGRADED, reason=reason), step
+        return self._replace(path=path, status=TrackingState.DEGRADED, reason=reason), step
 
     def lost(self, reason: StateReason | None) -> State:
         """Return the state in which the pose is unknown."""
-        return replace(
-            self,
-            path=self.path.lost(),
-            ground_memory=self.ground_memory.lost(),
-            status=TrackingState.LOST,
-            reason=reason,
+        return self._replace(
+            path=self.path.lost(), ground_memory=self.ground_memory.lost(), status=TrackingState.LOST, reason=reason
         )
 
     # ---- a new window
@@ -228,8 +226,7 @@ class State:
         if verdict.action is Action.ACCEPT:
             status = TrackingState.INITIALISING if keyframes == 1 else TrackingState.TRACKING
         path, step = self.path.window_begun(frame.stamp_ns, landmark_map, model)
-        after = replace(
-            self,
+        after = self._replace(
             path=path,
             landmark_map=landmark_map,
             calibration=window.calibration,
@@ -253,8 +250,8 @@ class State:
         path, discards_map = self.path.pose_applied(stamp_ns, model)
         if discards_map:
             # the next window begins at the external pose and continues no window that diverged
-            return replace(self, path=path, landmark_map=None, has_diverged=False)
-        return replace(self, path=path)
+            return self._replace(path=path, landmark_map=None, has_diverged=False)
+        return self._replace(path=path)
 
 
 class Outcome(NamedTuple):

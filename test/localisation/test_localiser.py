@@ -513,7 +513,7 @@ def test_excluded_cells_do_not_prevent_a_new_window_for_ever() -> None:
     all_cells = np.ones(memory.excluded.life.shape, np.bool_)
     exclusion = Exclusion(np.zeros(1, np.intp), ~all_cells, all_cells)
     excluded = memory.excluded.after_pair(exclusion, ~all_cells, (HEIGHT, WIDTH))
-    by._state = replace(by._state, landmark_map=None, ground_memory=replace(memory, excluded=excluded))
+    by._state = by._state._replace(landmark_map=None, ground_memory=memory._replace(excluded=excluded))
     states = [estimate.state for estimate in run(DRIVE[3 : 4 + DYNAMIC_LIFE], by)]
     assert states[0] is TrackingState.LOST
     assert states[-1] is not TrackingState.LOST
@@ -668,7 +668,7 @@ def test_an_absurd_pose_is_lost_and_not_kept(monkeypatch: pytest.MonkeyPatch, ju
 
     def leap(*arguments: object) -> Tracks:
         tracks = solve(*arguments)  # type: ignore[arg-type]
-        return replace(tracks, pose=tracks.pose._replace(position=tracks.pose.position + jump_m))
+        return tracks._replace(pose=tracks.pose._replace(position=tracks.pose.position + jump_m))
 
     with monkeypatch.context() as patch:
         patch.setattr(Tracker, "solve", leap)

@@ -77,14 +77,14 @@ def pair_at(
     noise: float = 1e-18,
 ) -> AcceptedPair:
     """Return the pair of a number that was tracked at a pose, or a position."""
-    pose = Pose(to.rotation, to.translation) if isinstance(to, Transform) else Pose(np.eye(3), to)
-    landmarks = SimpleNamespace(median_depth=DEPTH_M)
-    tracks = SimpleNamespace(pose=pose, information=np.eye(6) / noise, landmarks=landmarks, chi_median=1.0)
     return AcceptedPair(
         number * PERIOD_NS,
-        tracks,  # type: ignore[arg-type]
-        map_of(NOTHING),  # type: ignore[arg-type]
-        known or OnlineCalibration(RIG.camera, (RIG.height, RIG.width), 7),
+        to if isinstance(to, Transform) else Transform(np.eye(3), to),
+        given_keyframes=noise * np.eye(6),
+        tracked_depth_m=DEPTH_M,
+        chi_median=1.0,
+        landmark_map=map_of(NOTHING),  # type: ignore[arg-type]
+        calibration=known or OnlineCalibration(RIG.camera, (RIG.height, RIG.width), 7),
         was_known=True,
         shear=NO_SHEAR,
         inflation=inflation,
@@ -243,7 +243,7 @@ def test_a_yaw_found_late_leaves_the_path_before_it_uncertain() -> None:
     assert np.trace(of_path(path, exact)) == pytest.approx(
         (1.0 + SOURCES.unsettled_yaw_ratio**2) * (0.5 * PER_PX * LENGTH) ** 2 + common**2
     )
-    corrected = replace(exact, yaw=exact.yaw._replace(corrected_px=0.5))
+    corrected = exact._replace(yaw=exact.yaw._replace(corrected_px=0.5))
     path = move(path, 2, 2.0 * STEP, corrected)
     assert np.trace(of_path(path, corrected)) == pytest.approx((0.5 * PER_PX * LENGTH) ** 2 + (2 * common) ** 2)
 
@@ -320,7 +320,7 @@ def test_an_unobserved_motion_is_at_most_as_fast_as_the_rover() -> None:
     """Two pairs 0.1 ms apart show 2 cm: 200 m/s."""
     bounds = MotionBounds(max_speed_m_s=2.0)
     model = RoverModel.of(IN_CAMERA, bounds, KEYFRAME_FLOW_RATIO)
-    pair = replace(pair_at(1, 0.02 * STEP / LENGTH), stamp_ns=100_000)
+    pair = pair_at(1, 0.02 * STEP / LENGTH)._replace(stamp_ns=100_000)
     path = accepted(begun(), pair, model)[0]
     gap = path.kept(100_000 + PERIOD_NS, model)[1]
     assert np.sqrt(gap.covariance[0, 0]) == pytest.approx(0.1 * bounds.max_speed_m_s)
@@ -568,7 +568,7 @@ def test_drift_corrections_before_a_pose_from_outside_leave_its_attitude_certain
     after = attitude(path, followed)
     per_px2 = (SOURCES.drift_attitude_ratio / RIG.fx) ** 2
     assert before - after > 0.9 * per_px2 * 20.0**2
-    further = replace(followed, drift=DriftEstimate(total_px=30.0))
+    further = followed._replace(drift=DriftEstimate(total_px=30.0))
     path = move(path, 5, 3.0 * STEP, further)
     assert attitude(path, further) - after == pytest.approx(per_px2 * 10.0**2, rel=0.05)
 

@@ -13,12 +13,11 @@ The calibration is immutable: each update returns a new object.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, read_only
 from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.robust_statistics import cauchy_weight
 from sfr_loc_map.jit import jit
@@ -238,14 +237,13 @@ class DriftEstimate(NamedTuple):
         return self._replace(yaws_px=())
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class VerticalEstimate:
+class VerticalEstimate(NamedTuple):
     """Pitch and roll of the right camera, a least-squares estimate from the vertical disparities of all keyframes."""
 
     pitch_px: float = 0.0  #: Pitch: offset of the right image along the column at the principal point.
     roll_px: float = 0.0  #: Roll, px at one focal length from the principal point.
-    information: FloatArray = field(default_factory=lambda: np.diag(VERTICAL_PRIOR))  #: `(2, 2)` of pitch and roll.
-    information_vector: FloatArray = field(default_factory=lambda: np.zeros(2))
+    information: FloatArray = read_only(np.diag(VERTICAL_PRIOR))  #: `(2, 2)` of pitch and roll.
+    information_vector: FloatArray = read_only(np.zeros(2))
 
     def with_matches(self, xy: FloatArray, disparity: FloatArray) -> VerticalEstimate:
         """Add the vertical disparities `(N,)`, px, of stereo matches at normalised right coordinates `(N, 2)`.
@@ -268,8 +266,7 @@ class VerticalEstimate:
         return VerticalEstimate(pitch_px, roll_px, information, vector)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class OnlineCalibration:
+class OnlineCalibration(NamedTuple):
     """Errors of the right camera, in pixels: three estimates of its rotation error, and the residual lens errors.
 
     | estimate | is updated by | from |
@@ -283,10 +280,10 @@ class OnlineCalibration:
     camera: StereoCamera
     shape: tuple[int, int]  #: Height and width of the images.
     window_keyframes: int  #: Number of keyframes of a window.
-    vertical: VerticalEstimate = field(default_factory=VerticalEstimate)
+    vertical: VerticalEstimate = VerticalEstimate()
     yaw: YawEstimate = YawEstimate()
     drift: DriftEstimate = DriftEstimate()
-    lens: LensResidual = field(default_factory=LensResidual.none)
+    lens: LensResidual = LensResidual.none()
 
     @property
     def offset(self) -> RightCameraOffset:
@@ -300,7 +297,7 @@ class OnlineCalibration:
 
     def window_begun(self) -> OnlineCalibration:
         """Return the calibration in a new window."""
-        return replace(self, drift=self.drift.window_begun())
+        return self._replace(drift=self.drift.window_begun())
 
     def diverged(self) -> OnlineCalibration:
         """Return the calibration after a diverged adjustment, which starts again as at the first pair.
@@ -324,7 +321,7 @@ class OnlineCalibration:
         yaw = self.yaw
         if drift_px != 0.0:
             yaw = yaw._replace(variance_px2=yaw.variance_px2 + (DRIFT_ERROR_RATIO * drift_px) ** 2)
-        return replace(self, lens=lens, drift=drift, yaw=yaw), drift_px
+        return self._replace(lens=lens, drift=drift, yaw=yaw), drift_px
 
     def with_matches(self, right_uv: FloatArray, vertical_disparity: FloatArray) -> OnlineCalibration:
         """Update pitch and roll with the stereo matches of a keyframe.
@@ -335,7 +332,7 @@ class OnlineCalibration:
             return self
         xy = self.camera.normalised(right_uv)
         without_yaw = vertical_disparity - self.offset.yaw_px * xy[:, 0] * xy[:, 1]
-        return replace(self, vertical=self.vertical.with_matches(xy, without_yaw))
+        return self._replace(vertical=self.vertical.with_matches(xy, without_yaw))
 
     def with_window_yaw(self, found: OffsetEstimate) -> tuple[OnlineCalibration, float]:
         """Update the yaw with the remaining offset of an adjusted window; return the change of the correction, px."""
@@ -343,7 +340,7 @@ class OnlineCalibration:
         # An uncorrected yaw dominates the residual disparities and hides lens errors.
         lens = LensResidual.none() if abs(yaw.remaining_px) > UNSETTLED_PX else self.lens
         corrected = yaw.corrected()
-        return replace(self, yaw=corrected, lens=lens), corrected.corrected_px - yaw.corrected_px
+        return self._replace(yaw=corrected, lens=lens), corrected.corrected_px - yaw.corrected_px
 
 
 def _end_of_line(yaws_px: FloatArray) -> tuple[float, float]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray, median
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.jit import jit
+from sfr_loc_map.localisation.small_linalg import median_without_nan
 
 PIXEL_FLOOR = 0.05
 """Standard deviation added in quadrature to that of each observation, px. Values from 0.01 to 0.03 were tried
@@ -33,10 +35,8 @@ def position_variance(covariance: FloatArray, residual: FloatArray, fx: float) -
         residual: `(N,)` RMS of the patches, grey levels; NaN if a patch was not found.
         fx: Focal length, px.
     """
-    found = residual[~np.isnan(residual)]
-    typical = median(found) if len(found) else 1.0
-    noise = np.maximum(residual, typical)
-    variance = covariance * (RESIDUAL_GAIN * (noise * noise))[:, None]
+    typical = median_without_nan(residual)
+    variance = _scaled(covariance, residual, typical)
     floor: FloatArray | float = PIXEL_FLOOR**2
     smaller_px, larger_px = EDGE_FOCAL_PX
     if fx > smaller_px:
@@ -45,4 +45,16 @@ def position_variance(covariance: FloatArray, residual: FloatArray, fx: float) -
         floor = floor * np.clip(residual / max(typical, MIN_RESIDUAL), least, most) ** exponent
     variance[:, 0] += floor
     variance[:, 2] += floor
-    return np.asarray(variance)
+    return variance
+
+
+@jit
+def _scaled(covariance: FloatArray, residual: FloatArray, least: float) -> FloatArray:
+    """Return covariances `(N, 3)` scaled by the noise variance from residuals `(N,)`, each at least `least`."""
+    scaled = np.empty(covariance.shape)
+    for n in range(len(residual)):
+        noise = least if residual[n] < least else residual[n]  # NaN stays NaN
+        variance = RESIDUAL_GAIN * (noise * noise)
+        for i in range(3):
+            scaled[n, i] = covariance[n, i] * variance
+    return scaled

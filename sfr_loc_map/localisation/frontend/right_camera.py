@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray, read_only
+from sfr_loc_map.geometry.arrays import FloatArray, diagonal_matrix, read_only
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.jit import jit
 from sfr_loc_map.localisation.frontend.pose_solver import (
@@ -183,7 +183,9 @@ def _yaw_px(equations: _StepEquations) -> float:
     """Return the yaw, px, from the equations of pose and yaw; the shears are held at 0."""
     size = YAW + 1
     information = equations.information[:size, :size]
-    inverse_row = np.linalg.solve(information, np.eye(size)[YAW])
+    unit = np.zeros(size)
+    unit[YAW] = 1.0
+    inverse_row = np.linalg.solve(information, unit)
     return float(inverse_row @ equations.rhs[:size])
 
 
@@ -199,7 +201,7 @@ def _row_shear(equations: _StepEquations, lens_sigma: float) -> RowShear:
     """
     covariance = np.linalg.inv(equations.information)
     shears = (covariance @ equations.rhs)[SHEAR]
-    covariance_of_shears = covariance[SHEAR, SHEAR] + np.eye(2) * lens_sigma**2
+    covariance_of_shears = covariance[SHEAR, SHEAR] + diagonal_matrix((lens_sigma**2, lens_sigma**2))
     weighted_shears = np.linalg.solve(covariance_of_shears, shears)
     chi2 = float(shears @ weighted_shears) / 2.0
     return RowShear(chi2, covariance[POSE, SHEAR] @ weighted_shears)

@@ -9,13 +9,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from operator import attrgetter
+from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray, Mask, median
+from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
+from sfr_loc_map.jit import jit
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.noise import position_variance
 from sfr_loc_map.localisation.frontend.patch_tracking import TrackingLimits, track_patches
@@ -25,6 +26,7 @@ from sfr_loc_map.localisation.frontend.pose_solver import StereoObservations, so
 from sfr_loc_map.localisation.frontend.pyramid import LEVELS, Pyramid
 from sfr_loc_map.localisation.frontend.right_camera import RightCameraOffset
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
+from sfr_loc_map.localisation.small_linalg import median_without_nan
 from sfr_loc_map.parallel import both
 
 LIMITS = TrackingLimits(max_shift=2.5, iterations=6, min_correlation=0.6)
@@ -52,8 +54,17 @@ SWAPPED_STEREO_FRACTION = 0.6
 twice the limit for one-sided pairs (`guards.MIN_STEREO_FRACTION`)."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Tracks:
+class InlierCounts(NamedTuple):
+    """Numbers of landmarks of a stereo pair."""
+
+    found: int  #: Landmarks with a residual.
+    inliers: int  #: Landmarks whose residual passes the gate.
+    in_left: int  #: Inliers that were observed in the left image.
+    in_right: int  #: Inliers that were observed in the right image.
+    in_both: int  #: Inliers that were observed in both images.
+
+
+class Tracks(NamedTuple):
     """Observations of M landmarks in a stereo pair, and the pose estimated from them.
 
     Information, residuals and inliers are those of the last linearisation, which is at the pose before the last step.
@@ -66,7 +77,7 @@ class Tracks:
     variance: FloatArray  #: `(M, 2, 3)` uu, uv, vv of the left and right observations, px^2.
     chi2_per_dof: FloatArray  #: `(M,)` squared Mahalanobis residual per degree of freedom; NaN if not found.
     inliers: Mask  #: `(M,)` landmarks whose residual passes the gate.
-    inlier_count: int  #: Number of inliers.
+    counts: InlierCounts  #: Numbers of the inliers.
     is_trusted: bool  #: Whether enough landmarks were found, and enough of these are inliers (`Tracker.solve`).
 
     @property
@@ -77,35 +88,65 @@ class Tracks:
     @property
     def chi_median(self) -> float:
         """Median squared Mahalanobis residual per degree of freedom; NaN without residuals."""
-        return median(self.chi2_per_dof[~np.isnan(self.chi2_per_dof)])
+        return median_without_nan(self.chi2_per_dof)
 
     @property
-    def left_inliers(self) -> Mask:
-        """Mask `(M,)` of the inliers that were observed in the left image."""
-        return np.asarray(self.inliers & np.isfinite(self.observations[:, 0]))
+    def median_residual_px(self) -> float:
+        """Median residual of the inliers, px; NaN without inliers."""
+        return _median_residual_px(self.chi2_per_dof, self.inliers, self.observed)
 
     @property
-    def right_inliers(self) -> Mask:
-        """Mask `(M,)` of the inliers that were observed in the right image."""
-        return np.asarray(self.inliers & np.isfinite(self.observations[:, 2]))
-
-    @property
-    def left_inlier_count(self) -> int:
-        """Number of inliers that were observed in the left image."""
-        return int(np.count_nonzero(self.left_inliers))
+    def inlier_count(self) -> int:
+        """Number of inliers."""
+        return self.counts.inliers
 
     @property
     def is_left_fuller(self) -> bool:
         """Whether at least as many inliers were observed in the left image as in the right image."""
-        return self.left_inlier_count >= int(np.count_nonzero(self.right_inliers))
+        return self.counts.in_left >= self.counts.in_right
 
     @property
     def stereo_fraction(self) -> float:
         """Ratio of the inliers observed in both images to the inliers observed in the image with more inliers."""
-        in_left = self.left_inliers
-        in_right = self.right_inliers
-        most = max(int(np.count_nonzero(in_left)), int(np.count_nonzero(in_right)), 1)
-        return int(np.count_nonzero(in_left & in_right)) / most
+        return self.counts.in_both / max(self.counts.in_left, self.counts.in_right, 1)
+
+
+@jit
+def _median_residual_px(chi2_per_dof: FloatArray, inliers: Mask, observed: StereoObservations) -> float:
+    """Return the median residual of the inliers, px, from chi-square and the mean variance of each landmark."""
+    residual_px = np.full(len(inliers), np.nan)
+    for n in range(len(inliers)):
+        if inliers[n]:
+            variance = 0.0
+            images = 0  # at least 1 for an inlier
+            for side in range(2):
+                if not np.isnan(observed.uv[n, 2 * side]):
+                    variance += 0.5 * (observed.variance[n, side, 0] + observed.variance[n, side, 2])
+                    images += 1
+            residual_px[n] = np.sqrt(chi2_per_dof[n] * (variance / images))
+    return median_without_nan(residual_px)
+
+
+@jit
+def _gated(chi2_per_dof: FloatArray, uv: FloatArray) -> tuple[Mask, InlierCounts]:
+    """Return the inliers `(M,)` by the residuals `(M,)` of landmarks, and their numbers by the pixels `(M, 4)`."""
+    inliers = np.zeros(len(chi2_per_dof), np.bool_)
+    found = 0
+    count = 0
+    in_left = 0
+    in_right = 0
+    in_both = 0
+    for n in range(len(chi2_per_dof)):
+        found += np.isfinite(chi2_per_dof[n])
+        if chi2_per_dof[n] < INLIER_CHI2_PER_DOF:  # False for NaN
+            is_in_left = not np.isnan(uv[n, 0])
+            is_in_right = not np.isnan(uv[n, 2])
+            inliers[n] = True
+            count += 1
+            in_left += is_in_left
+            in_right += is_in_right
+            in_both += is_in_left and is_in_right
+    return inliers, InlierCounts(found, count, in_left, in_right, in_both)
 
 
 class Tracker:
@@ -168,13 +209,11 @@ class Tracker:
         """Estimate the pose from observations of landmarks."""
         solution = solve_pose(start, landmarks.estimates, observed, self._camera, POSE_ITERATIONS)
         chi2_per_dof = solution.linearised.chi2_per_dof
-        inliers = chi2_per_dof < INLIER_CHI2_PER_DOF  # False for NaN
-        count = int(np.count_nonzero(inliers))
-        found = int(np.count_nonzero(np.isfinite(chi2_per_dof)))
+        inliers, counts = _gated(chi2_per_dof, observed.uv)
         is_trusted = (
-            count >= self._min_tracked
-            and count > MIN_INLIER_RATIO * found
-            and found > MIN_FOUND_RATIO * len(chi2_per_dof)
+            counts.inliers >= self._min_tracked
+            and counts.inliers > MIN_INLIER_RATIO * counts.found
+            and counts.found > MIN_FOUND_RATIO * len(chi2_per_dof)
         )
         return Tracks(
             pose=solution.pose,
@@ -184,7 +223,7 @@ class Tracker:
             variance=observed.variance,
             chi2_per_dof=chi2_per_dof,
             inliers=inliers,
-            inlier_count=count,
+            counts=counts,
             is_trusted=is_trusted,
         )
 

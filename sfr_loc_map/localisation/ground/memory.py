@@ -29,7 +29,6 @@ cell means no change.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from enum import Enum, auto
 from typing import Final, NamedTuple
 
@@ -107,8 +106,7 @@ few pairs. If larger, the ground behind the object has no new landmarks for long
 the object."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ExcludedCells:
+class ExcludedCells(NamedTuple):
     """Cells `(R, C)` of the left image that are excluded for several pairs because they do not move with the ground.
 
     A cell is excluded because it is fixed to the camera, or because it is dynamic (it moves differently from the
@@ -166,7 +164,7 @@ class ExcludedCells:
         mask = np.repeat(np.repeat(free * np.uint8(255), CELL, axis=0), CELL, axis=1)
         borders = [(0, size - drawn) for size, drawn in zip(shape, mask.shape, strict=True)]
         mask = np.pad(mask, borders, mode="edge")
-        return replace(self, mask=mask, fraction=float(np.mean(free == 0)))
+        return self._replace(mask=mask, fraction=float(np.mean(free == 0)))
 
 
 class EarlierImage(NamedTuple):
@@ -210,8 +208,7 @@ class Shown(Enum):
     PARTIAL_TRANSFER = auto()  #: Parts of the images were exposed at different times.
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class GroundMemory:
+class GroundMemory(NamedTuple):
     """What earlier pairs have shown: accepted pairs, pairs that contradict their pose, and stale rows.
 
     The table of the module shows how the events change `phase`, `transfers` and `recovery_pairs`. This table shows how
@@ -324,13 +321,12 @@ class GroundMemory:
             selection: The motion that is used as the ground's, and what does not follow this motion.
         """
         learnt = self._in_next_phase(main, shown)
-        learnt = replace(learnt, transfers=self.transfers + 1 if shown is Shown.PARTIAL_TRANSFER else 0)
+        learnt = learnt._replace(transfers=self.transfers + 1 if shown is Shown.PARTIAL_TRANSFER else 0)
         least = learnt._least_recovery_after(shown)
         recovery_pairs = max(self.recovery_pairs, least)
         if least == 0 and selection.motion.is_moving:
             recovery_pairs = max(self.recovery_pairs - 1, 0)
-        return replace(
-            learnt,
+        return learnt._replace(
             excluded=self.excluded.after_pair(selection.exclusion, pair.change.stationary, pair.tools.shape),
             earlier=self._earlier_after(pair, shown, selection),
             last_image=pair.frame.left[MIXTURE_LEVEL].image,
@@ -343,10 +339,10 @@ class GroundMemory:
             return self._uncertain(main)
         if shown not in (Shown.AT_REST, Shown.CONSISTENT, Shown.PARTLY_CONSISTENT):
             return self
-        learnt = replace(self, typical=self._typical_after(main.unexplained_fraction))
+        learnt = self._replace(typical=self._typical_after(main.unexplained_fraction))
         match shown, self.phase:
             case (Shown.CONSISTENT, Phase.LEARNING | Phase.UNCERTAIN) if self.pairs_left > 1:
-                return replace(learnt, pairs_left=self.pairs_left - 1)
+                return learnt._replace(pairs_left=self.pairs_left - 1)
             case (Shown.CONSISTENT, Phase.LEARNING):
                 return learnt._in_phase(Phase.IDENTIFIED)
             case (Shown.CONSISTENT, Phase.UNCERTAIN) | (Shown.PARTLY_CONSISTENT, Phase.LEARNING):
@@ -395,11 +391,11 @@ class GroundMemory:
             cells = self.uncertain_cells | cells
         is_short = self.is_identified or (self.is_uncertain and self.pairs_left <= CONSISTENT_PAIRS)
         pairs_left = CONSISTENT_PAIRS if is_short else LONG_RECOVERY_PAIRS
-        return replace(self, phase=Phase.UNCERTAIN, pairs_left=pairs_left, uncertain_cells=cells)
+        return self._replace(phase=Phase.UNCERTAIN, pairs_left=pairs_left, uncertain_cells=cells)
 
     def _in_phase(self, phase: Phase) -> GroundMemory:
         """Return the memory at the start of a phase without uncertainty."""
-        return replace(self, phase=phase, pairs_left=CONSISTENT_PAIRS, uncertain_cells=None)
+        return self._replace(phase=phase, pairs_left=CONSISTENT_PAIRS, uncertain_cells=None)
 
     def unselected(self) -> GroundMemory:
         """Return the memory after a pair in which no motion was selected.
@@ -408,7 +404,7 @@ class GroundMemory:
         because stationary cells, which renew the lifetime of cells fixed to the camera, are not detected in such a
         pair.
         """
-        return replace(self, earlier=self.earlier.older(), last_image=None)
+        return self._replace(earlier=self.earlier.older(), last_image=None)
 
     def after_verdict(self, learnt: GroundMemory, verdict: Verdict) -> GroundMemory:
         """Return the memory after the verdict on a pair. `learnt` is this memory after the pair.
@@ -420,9 +416,9 @@ class GroundMemory:
         if not verdict.is_learnt:
             return self
         if verdict.refuses:
-            learnt = replace(learnt, last_image=self.last_image)
+            learnt = learnt._replace(last_image=self.last_image)
         if verdict.refuses or not verdict.can_be_reference:
-            learnt = replace(learnt, earlier=self.earlier.older())
+            learnt = learnt._replace(earlier=self.earlier.older())
         return learnt
 
     # ---- other events
@@ -435,7 +431,7 @@ class GroundMemory:
         if not stale.any():
             return self
         pairs = LONG_RECOVERY_PAIRS if stale.mean() > MOSTLY_STALE else 1
-        return replace(self, transfers=max(self.transfers, 1), recovery_pairs=max(self.recovery_pairs, pairs))
+        return self._replace(transfers=max(self.transfers, 1), recovery_pairs=max(self.recovery_pairs, pairs))
 
     def lost(self) -> GroundMemory:
         """Return the memory after a lost pair. The tracks of the next pairs may follow another motion."""
@@ -443,8 +439,7 @@ class GroundMemory:
 
     def window_begun(self, frame: StereoFrame, pose: Pose) -> GroundMemory:
         """Return the memory in a new window. The ground must be learnt again, and an uncertainty persists."""
-        return replace(
-            self.lost(),
+        return self.lost()._replace(
             earlier=EarlierImage(frame.left[LEVEL].image, pose),
             last_image=None,
             transfers=0,
@@ -457,7 +452,7 @@ class GroundMemory:
 
         The excluded cells may be the cause, so that they age. The shape of the images is (height, width).
         """
-        return replace(self, excluded=self.excluded.older(shape))
+        return self._replace(excluded=self.excluded.older(shape))
 
     def adjusted(self, T_after_before: Transform) -> GroundMemory:
         """Return the memory after an adjustment moved the last pose in the world.
@@ -465,4 +460,4 @@ class GroundMemory:
         The pose of the earlier image moves with the last pose, so that the image motion between the two remains.
         """
         pose = Pose.of(T_after_before @ Transform(*self.earlier.pose))
-        return replace(self, earlier=self.earlier._replace(pose=pose))
+        return self._replace(earlier=self.earlier._replace(pose=pose))

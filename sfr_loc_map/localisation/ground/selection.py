@@ -36,7 +36,6 @@ The lower half of one image repeats the previous image, with new noise, while th
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -150,7 +149,7 @@ def select_off_body(pair: ComparedPair, evidence: Evidence) -> Selection:
     assert found is not None, "the condition of the case"
     tracks = evidence.main.tracks
     on_stationary = evidence.main.agreement.on_stationary
-    of_all = pair.motion(replace(tracks, pose=found.tracks.pose)).agreement
+    of_all = pair.motion(tracks._replace(pose=found.tracks.pose)).agreement
     fixed = of_all.host_cells(on_stationary & of_all.are_moved) | found.agreement.fixed_cells
     return _tracked_without(pair, evidence.main, found, on_stationary, fixed)
 

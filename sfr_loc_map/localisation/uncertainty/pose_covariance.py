@@ -11,47 +11,36 @@ because this error concerns the present rotation only.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray, length, read_only
+from sfr_loc_map.geometry.arrays import FloatArray, diagonal_matrix, length, read_only
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance, symmetric
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.findings import Inflation
 from sfr_loc_map.localisation.frontend.right_camera import RowShear
-from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.motion_size import NO_MOTION, MotionSize
 from sfr_loc_map.localisation.uncertainty.error_sources import ZERO, AddedError, ErrorSources, RoverModel
 
 ZERO_VECTOR = read_only(np.zeros(3))  #: Origin of the world, m, or a sum without steps.
 
 
-@dataclass(frozen=True, eq=False)
-class AcceptedPair:
+class AcceptedPair(NamedTuple):
     """A pair whose pose was accepted: what its errors depend on (`State.accepted` collects the values)."""
 
     stamp_ns: int
-    tracks: Tracks
+    T_world_left: Transform  #: Pose of the left camera in the world.
+    given_keyframes: FloatArray  #: Covariance `(6, 6)` of the pose given the keyframes.
+    tracked_depth_m: float  #: Median depth of the landmarks that were searched for.
+    chi_median: float  #: Median squared residual per degree of freedom (`Tracks.chi_median`).
     landmark_map: LandmarkMap  #: Map in which the pose was estimated.
     calibration: OnlineCalibration  #: The calibration, updated by the pair.
     was_known: bool  #: Whether the previous pose was known (tracked or kept, not lost).
     shear: RowShear  #: Shear of the rows of the images.
     inflation: Inflation  #: What the findings of the pair add to the covariance.
     other_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
-
-    @cached_property
-    def T_world_left(self) -> Transform:
-        """Pose of the left camera in the world."""
-        return Transform(*self.tracks.pose)
-
-    @cached_property
-    def given_keyframes(self) -> FloatArray:
-        """Covariance `(6, 6)` of the pose given the keyframes."""
-        return np.asarray(np.linalg.inv(self.tracks.information))
 
 
 class LocatedCovariance(NamedTuple):
@@ -167,8 +156,7 @@ class Origin(NamedTuple):
         return self._replace(added_by_next=None)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PathErrors:
+class PathErrors(NamedTuple):
     """Errors of the present pose.
 
     The table shows how each event changes each component: `=` sets the component, `+` adds to the component, `0` sets
@@ -203,15 +191,15 @@ class PathErrors:
     #: between windows have added since the start of the run or the last `reset`.
     before_window: LocatedCovariance = NOTHING
     #: Covariance of the newest keyframe in its window, from the bundle adjustment, times `adjustment_inflation`.
-    in_window: FloatArray = field(default_factory=lambda: ZERO)
+    in_window: FloatArray = ZERO
     #: Covariance of the present pose given the keyframes (`given_keyframes`), times `adjustment_inflation`.
-    of_landmarks: FloatArray = field(default_factory=lambda: ZERO)
-    blur: FloatArray = field(default_factory=lambda: ZERO)  #: Covariance of errors of the whole image.
+    of_landmarks: FloatArray = ZERO
+    blur: FloatArray = ZERO  #: Covariance of errors of the whole image.
     #: Covariance of the motion to the present pose, if the findings require that this motion counts as unobserved.
-    unobserved_motion: FloatArray = field(default_factory=lambda: ZERO)
+    unobserved_motion: FloatArray = ZERO
     #: Covariance of the motion while the pose is kept. After an external pose, the motion counts from its stamp. The
     #: next step contains the whole motion since the last known pose instead (`PublishedPose.kept_s`).
-    kept_motion: FloatArray = field(default_factory=lambda: ZERO)
+    kept_motion: FloatArray = ZERO
     sums: PathSums = PathSums()  #: Sums over the steps up to the present pose.
 
     @property
@@ -256,8 +244,7 @@ class PathErrors:
         """
         position = pair.T_world_left.translation
         depth_m = pair.landmark_map.landmarks.median_depth
-        return replace(
-            self,
+        return self._replace(
             origin=self.origin.accepted(),
             of_landmarks=model.sources.adjustment_inflation * pair.given_keyframes,
             blur=model.blur(depth_m).covariance,
@@ -276,11 +263,11 @@ class PathErrors:
 
     def kept(self, motion: FloatArray) -> PathErrors:
         """Return the errors of a pose that is kept during an unobserved motion."""
-        return replace(self, kept_motion=motion)
+        return self._replace(kept_motion=motion)
 
     def adjusted(self, in_window: FloatArray) -> PathErrors:
         """Return the errors after an adjustment of the newest keyframe, which is the present pose."""
-        return replace(self, in_window=in_window, of_landmarks=ZERO)
+        return self._replace(in_window=in_window, of_landmarks=ZERO)
 
     def window_begun(self, position: FloatArray, *, first_image: FloatArray, in_window: FloatArray) -> PathErrors:
         """Return the errors at the start of a new window at a position.
@@ -288,8 +275,7 @@ class PathErrors:
         The first image has an error of its own, which displaces the new window and also the pose of the first pair.
         """
         before_window = self.of_map(position).covariance + self.this_pair + self.kept_motion + first_image
-        return replace(
-            self,
+        return self._replace(
             origin=self.origin.window_begun(),
             before_window=LocatedCovariance(position, before_window),
             in_window=in_window,
@@ -308,9 +294,9 @@ class PathErrors:
 
         If the external pose applies to the last accepted pair, the origin already includes the errors of this pair.
         """
-        errors = replace(self, origin=origin)
+        errors = self._replace(origin=origin)
         if at_last_pair:
-            return replace(errors, of_landmarks=ZERO, blur=ZERO, unobserved_motion=ZERO)
+            return errors._replace(of_landmarks=ZERO, blur=ZERO, unobserved_motion=ZERO)
         return errors
 
 
@@ -362,7 +348,7 @@ def _disparity_term(sums: PathSums, calibration: OnlineCalibration, sources: Err
     common_px2 = sources.disparity_px**2 + calibration.yaw.sigma_px**2 + unsettled_px**2
     uncorrected = calibration.yaw.target_px * sums.bias - sums.corrected
     term = np.zeros((6, 6))
-    term[:3, :3] = common_px2 * np.outer(sums.bias, sums.bias) + np.outer(uncorrected, uncorrected)
+    term[:3, :3] = common_px2 * _square(sums.bias) + _square(uncorrected)
     return term
 
 
@@ -378,9 +364,13 @@ def _attitude_term(sums: PathSums, calibration: OnlineCalibration, model: RoverM
     sources = model.sources
     bent_px = sources.bent_attitude_ratio * np.hypot(calibration.yaw.sigma_px, calibration.yaw.bent_px)
     attitude_px = np.hypot(bent_px, sources.drift_attitude_ratio * sums.drift_px)
-    term = np.zeros((6, 6))
-    term[3:, 3:] = np.eye(3) * (attitude_px / model.fx) ** 2
-    return term
+    rad2 = (attitude_px / model.fx) ** 2
+    return diagonal_matrix((0.0, 0.0, 0.0, rad2, rad2, rad2))
+
+
+def _square(vector: FloatArray) -> FloatArray:
+    """Return the product `v v'` `(3, 3)` of a vector with itself."""
+    return vector[:, None] * vector
 
 
 def _positive_part(matrix: FloatArray) -> FloatArray:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, diagonal_matrix, read_only
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance, symmetric
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
@@ -29,10 +29,10 @@ EXPECTED_CHI_MEDIAN = 0.839
 landmark observed in one image has two degrees of freedom, with a median of 0.693. The variance factor is therefore
 slightly too small if many landmarks are observed in one image only (a quarter of them on KITTI)."""
 MIN_VARIANCE = 1e-12  #: Value added to each variance of a step, m^2 and rad^2, so that each variance is positive.
+MIN_COVARIANCE = read_only(MIN_VARIANCE * np.eye(6))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class StepMotion:
+class StepMotion(NamedTuple):
     """Motion between the pose published last and the present pose."""
 
     of_rb: Transform  #: `T_rb_before_now`.
@@ -108,15 +108,15 @@ def step_covariance(
         min_rad = sources.min_interval_ratio * model.keyframe_rad
         keyframe_rad = max(_flow_rad(keyframes.size, depth_m), min_rad)
     step_ratio = max(_flow_rad(step.size, depth_m) / keyframe_rad, sources.min_step_ratio)
-    common = np.zeros(6)
-    common[:3] = (sources.keyframe_px * depth_m / model.fx) ** 2
+    common_m2 = (sources.keyframe_px * depth_m / model.fx) ** 2
+    common = diagonal_matrix((common_m2, common_m2, common_m2, 0.0, 0.0, 0.0))
     factor = 1.0
     if variance_factor is not None:
         factor = sources.step_inflation * max(variance_factor, sources.min_variance_factor)
-    of_left = factor * (step_ratio * (sources.adjustment_inflation * between_keyframes + np.diag(common)))
+    of_left = factor * (step_ratio * (sources.adjustment_inflation * between_keyframes + common))
     lever = -step.of_rb.rotation @ model.T_rb_left.translation
     of_rb = propagated_covariance(of_left, lever, step.R_rb_world)
-    return symmetric(of_rb) + MIN_VARIANCE * np.eye(6)
+    return symmetric(of_rb) + MIN_COVARIANCE
 
 
 def _flow_rad(size: MotionSize, depth_m: float) -> float:
@@ -166,8 +166,7 @@ def systematic_step(step: StepMotion, depth_m: float, calibration: OnlineCalibra
     return np.concatenate((step.R_rb_world @ position, np.full(3, attitude)))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PublishedPose:
+class PublishedPose(NamedTuple):
     """The last published pose that was not lost, at which the next step starts."""
 
     stamp_ns: int | None = None  #: Stamp of the pose; None before the first pose.
@@ -176,11 +175,11 @@ class PublishedPose:
     #: the inflation by findings, and the displacement by a correction of the yaw. Such an error is part of the step to
     #: this pose and, with the opposite sign, of the next step. The covariance is therefore added to both steps, and the
     #: rotation of RB between the two poses is neglected.
-    shared_with_next_step: FloatArray = field(default_factory=lambda: ZERO)
+    shared_with_next_step: FloatArray = ZERO
     #: Time for which the last known pose was kept up to this pose, s; 0 if the pair of this pose was accepted or began
     #: a window. The next step contains the unobserved motion during this time.
     kept_s: float = 0.0
-    noise: FloatArray = field(default_factory=lambda: ZERO)  #: White noise `(6, 6)` of this pose, in RB at this pose.
+    noise: FloatArray = ZERO  #: White noise `(6, 6)` of this pose, in RB at this pose.
     variance_factor: float | None = None  #: Variance factor (`step_covariance`); None before the first residuals.
 
     @property
@@ -205,7 +204,7 @@ class PublishedPose:
             added: What the findings of the pair add.
             model: Extrinsics, camera geometry, bounds and error sources.
         """
-        variance_factor = updated_variance_factor(self.variance_factor, pair.tracks.chi_median, model.sources)
+        variance_factor = updated_variance_factor(self.variance_factor, pair.chi_median, model.sources)
         noise = pose_noise(
             pair.given_keyframes,
             R_world_left=pair.T_world_left.rotation,
@@ -221,7 +220,7 @@ class PublishedPose:
             variance_factor=variance_factor,
         )
         motion = StepMotion.between(self.T_world_left or pair.T_world_left, pair.T_world_left, model)
-        depth_m = pair.tracks.landmarks.median_depth
+        depth_m = pair.tracked_depth_m
         keyframes = pair.landmark_map.last_motion
         of_images = step_covariance(motion, keyframes, pair.given_keyframes, depth_m, variance_factor, model)
         seconds = self.seconds_until(pair.stamp_ns)
@@ -262,13 +261,13 @@ class PublishedPose:
         step = StepEstimate(
             seconds=seconds,
             motion=motion,
-            covariance=growth + MIN_VARIANCE * np.eye(6),
+            covariance=growth + MIN_COVARIANCE,
             systematic=np.zeros(6),
             noise=self.noise.copy(),
             noise_before=self.noise.copy(),
             speed_change=ZERO,
         )
-        kept = replace(self, stamp_ns=stamp_ns, T_world_left=T_world_left, kept_s=unobserved_s)
+        kept = self._replace(stamp_ns=stamp_ns, T_world_left=T_world_left, kept_s=unobserved_s)
         return kept, step
 
     def window_begun(self) -> PublishedPose:
@@ -277,7 +276,7 @@ class PublishedPose:
         The next step is measured from the image of this pair. It therefore contains no errors and no noise of the
         earlier poses.
         """
-        return replace(self, shared_with_next_step=ZERO, kept_s=0.0, noise=ZERO)
+        return self._replace(shared_with_next_step=ZERO, kept_s=0.0, noise=ZERO)
 
     def adjusted(self, moved: MotionSize) -> PublishedPose:
         """Return the pose after the last known pose was displaced by a change of the yaw correction.
@@ -286,4 +285,4 @@ class PublishedPose:
         first, the step to the kept pose contains the displacement itself, and its covariance is that of an unobserved
         motion.
         """
-        return replace(self, shared_with_next_step=self.shared_with_next_step + moved.covariance)
+        return self._replace(shared_with_next_step=self.shared_with_next_step + moved.covariance)

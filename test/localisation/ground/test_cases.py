@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -56,7 +55,7 @@ HERE = Pose(np.eye(3), np.zeros(3))
 
 
 LEARNING = GroundMemory.none((32, 32))
-IDENTIFIED = replace(LEARNING, phase=Phase.IDENTIFIED)
+IDENTIFIED = LEARNING._replace(phase=Phase.IDENTIFIED)
 
 
 def evidence_without_outliers(memory: GroundMemory, *, moves_image: bool = True) -> Evidence:
@@ -84,7 +83,7 @@ def two_motions(weight_ratio: float, *, has_standstill: bool = False) -> TwoMoti
 
 def after(memory: GroundMemory, case: Case, *, moves_image: bool = True) -> GroundMemory:
     """Return the memory after a pair of a case that one motion explains, by default a pair with motion."""
-    memory = replace(memory, earlier=EarlierImage(IMAGE, HERE))
+    memory = memory._replace(earlier=EarlierImage(IMAGE, HERE))
     evidence = evidence_without_outliers(memory, moves_image=moves_image)
     return after_shown(memory, case.shown or evidence.shown_by_main, evidence)
 
@@ -102,8 +101,8 @@ def after_shown(memory: GroundMemory, shown: Shown, evidence: Evidence) -> Groun
 NOT_TRUSTED = Motion(SimpleNamespace(is_trusted=False), None)  # type: ignore[arg-type]
 
 
-IN_A_ROW = replace(IDENTIFIED, transfers=MAX_TRANSFERS)
-AFTER_TRANSFER = replace(IDENTIFIED, transfers=1)
+IN_A_ROW = IDENTIFIED._replace(transfers=MAX_TRANSFERS)
+AFTER_TRANSFER = IDENTIFIED._replace(transfers=1)
 
 
 @pytest.mark.parametrize(
@@ -120,7 +119,7 @@ AFTER_TRANSFER = replace(IDENTIFIED, transfers=1)
         (IN_A_ROW, {"is_half_unexplained": True, "is_unusual": True}, HALF_UNEXPLAINED),
         (IDENTIFIED, {"is_unusual": True}, UNEXPLAINED),
         (LEARNING, {"is_unusual": True}, ONE_MOTION),
-        (replace(LEARNING, phase=Phase.UNCERTAIN), {}, GROUND_UNCERTAIN),
+        (LEARNING._replace(phase=Phase.UNCERTAIN), {}, GROUND_UNCERTAIN),
         (IDENTIFIED, {"two": two_motions(2.0), "is_unusual": True}, DECIDED),
         (IDENTIFIED, {"two": two_motions(0.5), "is_contradicted": True}, DECIDED),
         (IDENTIFIED, {"two": two_motions(1.1), "is_unusual": True}, AMBIGUOUS),
@@ -145,9 +144,9 @@ def test_each_transfer_counts_so_that_a_row_of_them_ends() -> None:
 
 
 def test_a_refused_pair_does_not_replace_the_image_at_the_last_known_pose() -> None:
-    before = replace(LEARNING, earlier=EarlierImage(IMAGE, HERE), last_image=IMAGE)
+    before = LEARNING._replace(earlier=EarlierImage(IMAGE, HERE), last_image=IMAGE)
     now = np.ones((16, 16), np.float32)
-    learnt = replace(before, earlier=EarlierImage(now, HERE), last_image=now, transfers=2)
+    learnt = before._replace(earlier=EarlierImage(now, HERE), last_image=now, transfers=2)
 
     def memory_after(finding: Finding) -> GroundMemory:
         return before.after_verdict(learnt, decide(frozenset({finding})))
@@ -262,7 +261,7 @@ def test_the_ground_must_be_identified_again_after_a_lost_pair() -> None:
     start = StartPose(Transform.identity())
     calibration = OnlineCalibration(LOC_RIG.camera, (LOC_RIG.height, LOC_RIG.width), 7)
     model = RoverModel.of(LOC_RIG, MotionBounds(), KEYFRAME_FLOW_RATIO)
-    state = replace(State.started(start, calibration, model), ground_memory=IDENTIFIED)
+    state = State.started(start, calibration, model)._replace(ground_memory=IDENTIFIED)
     assert state.lost(StateReason.FEW_LANDMARKS).ground_memory.phase is Phase.LEARNING
 
 
@@ -270,7 +269,7 @@ def test_an_adjustment_does_not_change_the_motion_since_the_image_that_pairs_are
     before, adjusted, compared = (
         Transform(matrix_from_rotvec(np.array([0.0, 0.1 * x, 0.2])), np.array([x, 0.0, 1.0])) for x in (1.0, 3.0, 0.5)
     )
-    memory = replace(IDENTIFIED, earlier=EarlierImage(IMAGE, Pose.of(compared)))
+    memory = IDENTIFIED._replace(earlier=EarlierImage(IMAGE, Pose.of(compared)))
     moved = Transform(*memory.adjusted(adjusted @ before.inverse()).earlier.pose)
     since = (before.inverse() @ compared).matrix
     np.testing.assert_allclose((adjusted.inverse() @ moved).matrix, since, atol=1e-12)

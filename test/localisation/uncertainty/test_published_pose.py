@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
@@ -37,15 +36,20 @@ NO_ERROR = AddedError(ZERO, NO_MOTION)
 
 def pair(number: int, *, was_known: bool = True) -> AcceptedPair:
     """Return the pair of a number, at a position of 0.03 m times this number."""
-    landmarks = SimpleNamespace(median_depth=5.0)
-    pose = Pose(np.eye(3), np.array([0.03 * number, 0.0, 0.0]))
-    tracks: Any = SimpleNamespace(pose=pose, information=np.eye(6) * 1e18, landmarks=landmarks, chi_median=1.0)
-    landmark_map: Any = SimpleNamespace(landmarks=landmarks, last_motion=None)
-    calibration = OnlineCalibration(RIG.camera, (480, 640), 7)
-    nothing = MotionSize(0.0, 0.0)
-    stamp_ns = number * PERIOD_NS
+    depth_m = 5.0
+    landmark_map: Any = SimpleNamespace(landmarks=SimpleNamespace(median_depth=depth_m), last_motion=None)
     return AcceptedPair(
-        stamp_ns, tracks, landmark_map, calibration, was_known, NO_SHEAR, Inflation.NONE, other_distance=nothing
+        stamp_ns=number * PERIOD_NS,
+        T_world_left=Transform(np.eye(3), np.array([0.03 * number, 0.0, 0.0])),
+        given_keyframes=np.eye(6) * 1e-18,
+        tracked_depth_m=depth_m,
+        chi_median=1.0,
+        landmark_map=landmark_map,
+        calibration=OnlineCalibration(RIG.camera, (480, 640), 7),
+        was_known=was_known,
+        shear=NO_SHEAR,
+        inflation=Inflation.NONE,
+        other_distance=MotionSize(0.0, 0.0),
     )
 
 
