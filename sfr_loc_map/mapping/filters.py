@@ -1,11 +1,12 @@
-"""Filters of float32 images and masks."""
+"""Filters of float32 images and masks, and replacement of pixels."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import F, FloatImage, GreyImage, Mask
+from sfr_loc_map.geometry.arrays import F, FloatImage, GreyImage, Mask, T
 
 VARIANCE_SIDE = 7  #: Side of the window of a local variance, pixels. Its 49 samples give the variance to 20 %.
 
@@ -49,6 +50,18 @@ def local_variance(image: FloatImage) -> FloatImage:
 def dilated(pixels: Mask, reach: int) -> Mask:
     """Return the mask of all pixels within `reach` rows and columns of a set pixel."""
     return np.asarray(cv2.dilate(pixels.astype(np.uint8), square_element(2 * reach + 1))).astype(np.bool_)
+
+
+def with_pixels_of(other: FloatImage, mask: Mask, image: FloatImage) -> FloatImage:
+    """Return an image with the pixels of another image where a mask is set: a `numpy.where` that uses vector units."""
+    return np.asarray(cv2.copyTo(other, mask.view(np.uint8), image.copy()), F)
+
+
+def with_value(value: T, mask: Mask, image: NDArray[T]) -> NDArray[T]:
+    """Return an image with a value where a mask is set, faster than `numpy.where` if most set pixels are adjacent."""
+    replaced = image.copy()
+    replaced[mask] = value
+    return replaced
 
 
 def square_element(side: int) -> GreyImage:

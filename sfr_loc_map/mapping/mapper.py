@@ -181,12 +181,16 @@ class Mapper:
         parts, of_fusion = fuse_views(views, self._rig)
         findings += of_fusion
         calibration = largest_of(item.calibration for item in maps)
-        sigmas = [sigma_of_points(part, view, calibration, self._rig) for part, view in zip(parts, views, strict=True)]
-        sigma = PointSigma.concatenated(sigmas)
-        pair_index = np.repeat(np.arange(len(views), dtype=np.uint8), [part.size for part in parts])
+        sizes = [part.size for part in parts]
+        points = ViewPoints.concatenated(parts)
+        del parts  # copied: their memory serves the standard deviations
+        of_views = zip(points.split(sizes), views, strict=True)
+        sigma = PointSigma.concatenated(
+            [sigma_of_points(part, view, calibration, self._rig) for part, view in of_views]
+        )
+        pair_index = np.repeat(np.arange(len(views), dtype=np.uint8), sizes)
         stamps_ns = tuple(item.stamp_ns for item in maps)
         is_fused = len(maps) > 1
-        points = ViewPoints.concatenated(parts)
         return FusedMap(
             cloud=points.to_cloud(sigma.total, pair_index, fused=is_fused, pair_stamps_ns=stamps_ns),
             random_sigma=sigma.random,

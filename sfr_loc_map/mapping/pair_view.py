@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -50,6 +50,13 @@ class ViewPoints(NamedTuple):
     def concatenated(cls, parts: Sequence[ViewPoints]) -> ViewPoints:
         """Return the points of all parts."""
         return cls(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+    def split(self, sizes: Sequence[int]) -> Iterator[ViewPoints]:
+        """Yield the parts of concatenated points, given the number of points of each part; the memory is shared."""
+        end = 0
+        for size in sizes:
+            start, end = end, end + size
+            yield ViewPoints._make(values[start:end] for values in self)
 
     def to_cloud(
         self,
@@ -115,7 +122,7 @@ def reproject_pixels(
 
     The disparity `(H, W)` is NaN where invalid.
     """
-    row_ends = np.cumsum(np.isfinite(disparity_px).sum(axis=1))
+    row_ends = np.cumsum(np.count_nonzero(np.isfinite(disparity_px), axis=1))
     grey = left.astype(F, copy=False)
     return _reproject(disparity_px, sigma_px, grey, rig.camera, Pose.of(T_lm_left), row_ends)
 

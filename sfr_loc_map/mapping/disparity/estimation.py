@@ -53,7 +53,7 @@ from sfr_loc_map.mapping.disparity.validity.pixel_status import (
     with_reason,
 )
 from sfr_loc_map.mapping.disparity.validity.saturation import Saturation, measure_saturation
-from sfr_loc_map.mapping.filters import local_variance
+from sfr_loc_map.mapping.filters import local_variance, with_value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,13 +108,13 @@ def estimate_disparity(pair: StereoPair, rig: StereoRig, search: SearchRange) ->
 
     # Holes
     filled = fill_holes(measured, saturation.square_saturated, refined.noise_grey)
-    status = np.where(filled.valid & ~measured.valid, np.uint8(PixelStatus.FILLED), status)
+    status = with_value(np.uint8(PixelStatus.FILLED), filled.valid & ~measured.valid, status)
 
     # From here on, only the status records which pixels are valid.
     px = filled.disparity - roll_error_px(rotation, rig)
     status = with_reason(status, px < search.min_disparity_px, PixelStatus.BEYOND_RANGE)
     return DisparityMap(
-        px=np.where(is_valid(status), px, F(np.nan)),
+        px=with_value(F(np.nan), ~is_valid(status), px),
         sigma_px=filled.sigma,
         status=status,
         left=left,

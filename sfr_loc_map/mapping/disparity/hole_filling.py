@@ -52,7 +52,7 @@ from sfr_loc_map.mapping.disparity.surfaces import (
     depth_ratio,
     right_surfaces,
 )
-from sfr_loc_map.mapping.filters import dilated
+from sfr_loc_map.mapping.filters import dilated, with_pixels_of, with_value
 
 REACH = 12  #: Maximum distance over which a plane is extrapolated, rows or columns.
 SLOPE_PX = 2  #: Distance over which the slope of a surface is measured, pixels: one cell of the refined field.
@@ -109,14 +109,14 @@ def fill_holes(scene: DisparityScene, saturated: Mask, noise_grey: float) -> Dis
         proposed_px = _propose(after, fillable, cost_limit, min_margin)
         newly_valid = _accept(after, proposed_px)
         after = after._replace(
-            disparity=np.where(newly_valid, proposed_px, after.disparity), valid=after.valid | newly_valid
+            disparity=with_pixels_of(proposed_px, newly_valid, after.disparity), valid=after.valid | newly_valid
         )
     # Depths are compared after all passes. A rejected pixel may therefore have provided a hypothesis in a later pass.
-    valid_px = np.where(after.valid, after.disparity, F(0.0))
+    valid_px = with_value(F(0.0), ~after.valid, after.disparity)
     is_filled = after.valid & ~scene.valid & (depth_ratio(valid_px, NEARBY_PX) < MAX_DEPTH_RATIO)
     return scene._replace(
-        disparity=np.where(is_filled, after.disparity, scene.disparity),
-        sigma=np.where(is_filled, np.maximum(scene.sigma, MIN_FILLED_SIGMA_PX), scene.sigma),
+        disparity=with_pixels_of(after.disparity, is_filled, scene.disparity),
+        sigma=with_pixels_of(np.maximum(scene.sigma, MIN_FILLED_SIGMA_PX), is_filled, scene.sigma),
         valid=scene.valid | is_filled,
     )
 
@@ -144,7 +144,7 @@ def _propose(scene: DisparityScene, fillable: Mask, cost_limit: np.float32, min_
 def _accept(scene: DisparityScene, proposed_px: FloatImage) -> Mask:
     """Return the mask of the pixels `(H, W)` whose proposed disparity is accepted."""
     is_proposed = np.isfinite(proposed_px)
-    px = np.where(is_proposed, proposed_px, scene.disparity)
+    px = with_pixels_of(proposed_px, is_proposed, scene.disparity)
     valid = scene.valid | is_proposed
     return _on_their_surface(px, valid, is_proposed, right_surfaces(px, valid))
 

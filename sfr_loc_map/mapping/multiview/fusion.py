@@ -31,6 +31,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatArray32, Mask
 from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.mapping.filters import with_value
 from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.multiview.pose_agreement import agreement_of_poses
 from sfr_loc_map.mapping.multiview.projection import Observations, point_weights, project_into_view
@@ -117,18 +118,18 @@ def _fuse_points(index: int, views: Sequence[PairView], rig: StereoRig) -> Fused
     is_duplicate = np.zeros(points.size, np.bool_)
     is_conflict = np.zeros(points.size, np.bool_)
     findings = Findings()
-    for other_index, other in enumerate(views):
+    for other_index in range(len(views)):
         if other_index == index:
             continue
-        observed = project_into_view(points.xyz, other.T_lm_left, other.images, rig)
-        findings += agreement_of_poses(views, index, other_index, observed)
-        compared = _compare(observed, ranges, sigma, weight, is_earlier=other_index < index)
+        compared, agreement = _compare_views(views, index, other_index, ranges, weight, rig)
+        findings += agreement
         total_weight += compared.weight
         weighted_difference += compared.weight * compared.difference
         weighted_variance += np.square(compared.weight * compared.sigma)
         agrees |= compared.agrees
         is_duplicate |= compared.is_duplicate
         is_conflict |= compared.is_conflict
+        del compared  # its memory is used again by the next comparison
 
     relative_step = weighted_difference / total_weight / ranges
     variance_of_mean = weighted_variance / np.square(total_weight)  # if all errors were independent
@@ -142,6 +143,20 @@ def _fuse_points(index: int, views: Sequence[PairView], rig: StereoRig) -> Fused
         conflict_count=int(np.count_nonzero(is_conflict)),
         findings=findings,
     )
+
+
+def _compare_views(
+    views: Sequence[PairView], index: int, other_index: int, ranges: FloatArray32, weight: FloatArray32, rig: StereoRig
+) -> tuple[Comparison, Findings]:
+    """Compare the points of a view with another view, given the ranges and weights of the points `(N,)`.
+
+    The findings are the agreement of the poses of both views.
+    """
+    points = views[index].points
+    other = views[other_index]
+    observed = project_into_view(points.xyz, other.T_lm_left, other.images, rig)
+    compared = _compare(observed, ranges, points.fusion_sigma, weight, is_earlier=other_index < index)
+    return compared, agreement_of_poses(views, index, other_index, observed)
 
 
 def _compare(
@@ -159,8 +174,8 @@ def _compare(
     agrees = is_used & (np.abs(observed.difference) / difference_sigma <= AGREE_SIGMAS)  # false for a NaN difference
     is_farther = is_used & (observed.difference > AGREE_SIGMAS * difference_sigma)
     return Comparison(
-        weight=np.where(agrees, observed.weight, F(0.0)),
-        difference=np.where(agrees, observed.difference, F(0.0)),
+        weight=observed.weight * agrees,
+        difference=with_value(F(0.0), ~agrees, observed.difference),
         sigma=observed.fusion_sigma,
         agrees=agrees,
         is_duplicate=agrees & is_preferred & (observed.sample_distance_px < SAME_POSITION_PX),

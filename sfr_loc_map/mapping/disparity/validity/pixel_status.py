@@ -117,7 +117,7 @@ def judge_before_wrong_surface(
 
     These tests are a separate function, because the network of WRONG_SURFACE is trained with the pixels that pass them.
     """
-    status = np.where(scene.valid, np.uint8(PixelStatus.MEASURED), np.uint8(PixelStatus.UNMATCHED))
+    status = ~scene.valid * np.uint8(PixelStatus.UNMATCHED)  # MEASURED is 0
     changed = _changed_mask(scene.matched, scene.disparity)
     scene, status = _rejected(scene, status, changed, PixelStatus.CHANGED)
     occluded = occlusion_mask(scene.disparity, right_surfaces(scene.disparity, scene.valid))
