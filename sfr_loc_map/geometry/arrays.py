@@ -73,6 +73,11 @@ def diagonal_matrix(values: Sequence[float]) -> FloatArray:
     return matrix
 
 
+def outer_square(vector: FloatArray) -> FloatArray:
+    """Return the product `v v^T` `(N, N)` of a vector `(N,)` with itself, faster than `numpy.outer`."""
+    return vector[:, None] * vector
+
+
 def median(values: NDArray[np.floating[Any]]) -> float:
     """Return the median of values without NaN, faster than `numpy.median`; NaN if there are no values."""
     count = values.size

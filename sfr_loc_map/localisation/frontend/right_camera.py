@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray, diagonal_matrix, read_only
+from sfr_loc_map.geometry.arrays import FloatArray, diagonal_matrix, outer_square, read_only
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.jit import jit
 from sfr_loc_map.localisation.frontend.pose_solver import (
@@ -82,7 +82,7 @@ class RowShear(NamedTuple):
         Without shear, `chi2` is 1 on average, so that shears of this size are noise and add nothing.
         """
         excess = 1.0 - 1.0 / max(self.chi2, 1.0)
-        return excess * np.outer(self.pose_shift, self.pose_shift)
+        return excess * outer_square(self.pose_shift)
 
 
 NO_SHEAR = RowShear(0.0, read_only(np.zeros(6)))  #: Rows exposed at one time, or too few landmarks for an estimate.

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray, diagonal_matrix, length, read_only
+from sfr_loc_map.geometry.arrays import FloatArray, diagonal_matrix, length, outer_square, read_only
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance, symmetric
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
@@ -348,7 +348,7 @@ def _disparity_term(sums: PathSums, calibration: OnlineCalibration, sources: Err
     common_px2 = sources.disparity_px**2 + calibration.yaw.sigma_px**2 + unsettled_px**2
     uncorrected = calibration.yaw.target_px * sums.bias - sums.corrected
     term = np.zeros((6, 6))
-    term[:3, :3] = common_px2 * _square(sums.bias) + _square(uncorrected)
+    term[:3, :3] = common_px2 * outer_square(sums.bias) + outer_square(uncorrected)
     return term
 
 
@@ -366,11 +366,6 @@ def _attitude_term(sums: PathSums, calibration: OnlineCalibration, model: RoverM
     attitude_px = np.hypot(bent_px, sources.drift_attitude_ratio * sums.drift_px)
     rad2 = (attitude_px / model.fx) ** 2
     return diagonal_matrix((0.0, 0.0, 0.0, rad2, rad2, rad2))
-
-
-def _square(vector: FloatArray) -> FloatArray:
-    """Return the product `v v'` `(3, 3)` of a vector with itself."""
-    return vector[:, None] * vector
 
 
 def _positive_part(matrix: FloatArray) -> FloatArray:
