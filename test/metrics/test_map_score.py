@@ -3,16 +3,19 @@
 import json
 import math
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from helpers.map_scenes import RIG, cloud_of, points_of, wall
 from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.metrics.config import MapScoreConfig
 from sfr_loc_map.metrics.figures.row_part import POINTS
+from sfr_loc_map.metrics.map.cloud_frame import frame_problem
 from sfr_loc_map.metrics.map.map_score import score_map, score_nearest
 from sfr_loc_map.metrics.map.pair_truth import PairTruth
 from sfr_loc_map.metrics.score.score import Score
@@ -154,6 +157,28 @@ def test_a_cloud_without_pixels_has_a_figure_of_another_name_and_the_empty_one_h
     assert empty.number("coverage") == 0.0
     assert empty.number("point_error", "mean") is None
     assert "NaN" not in json.dumps(to_plain(empty))
+
+
+FRAMES: dict[str, tuple[Callable[[np.ndarray], np.ndarray], str]] = {
+    "as it is": (lambda xyz: xyz, ""),
+    "noisy": (lambda xyz: xyz + np.random.default_rng(0).normal(0.0, 0.3, xyz.shape), ""),
+    "millimetres": (lambda xyz: 1000.0 * xyz, "if its unit is millimetres"),
+    "feet": (lambda xyz: xyz / 0.3048, "if its unit is feet"),
+    "optical axes": (lambda xyz: np.stack((-xyz[:, 1], -xyz[:, 2], xyz[:, 0]), axis=1), "LM are its z, -x, -y"),
+    "mirrored": (lambda xyz: xyz * [1.0, -1.0, 1.0], "LM are its x, -y, z"),
+    "shifted": (lambda xyz: xyz + np.array([6.9e5, 5.3e6, 500.0]), "in another frame or unit, or shifted"),
+}
+
+
+@pytest.mark.parametrize("case", FRAMES)
+def test_a_cloud_without_pixels_in_another_unit_or_frame_is_reported(case: str) -> None:
+    change, words = FRAMES[case]
+    rng = np.random.default_rng(4)
+    x, y = rng.uniform(2.0, 12.0, 4000), rng.uniform(-3.0, 4.0, 4000)
+    true = np.column_stack((x, y, 0.2 * x + np.sin(y) - 1.0))
+    tree = cKDTree(true)
+    found = frame_problem(change(true[::3]), true, lambda points: np.asarray(tree.query(points)[0]))
+    assert (words in found) if words else not found
 
 
 @pytest.mark.clause("4.3.4")

@@ -89,8 +89,9 @@ def load_cloud(path: Path) -> LoadedCloud:
         xyz = np.column_stack([np.asarray(columns[name], np.float64) for name in "xyz"])
     is_valid = np.asarray(np.isfinite(xyz).all(axis=1))
     _check_coordinates(xyz[is_valid], path)
-    if fields.grid is not None:
-        is_valid &= ~_placeholders(xyz, path)
+    is_organised = fields.grid is not None
+    not_finite = 0 if is_organised else int(np.count_nonzero(~is_valid))  # in organised clouds such points are normal
+    is_valid &= ~_placeholders(xyz, path)
     cloud = None
     if missing := [name for name in PIXEL_FIELDS if name not in columns]:
         _log.warning(
@@ -99,8 +100,6 @@ def load_cloud(path: Path) -> LoadedCloud:
         )
     else:
         cloud = _point_cloud(fields, is_valid, path)
-    is_organised = fields.grid is not None
-    not_finite = 0 if is_organised else int(np.count_nonzero(~is_valid))  # in organised clouds such points are normal
     return LoadedCloud(xyz[is_valid], cloud, fields.grid, not_finite)
 
 
@@ -120,7 +119,7 @@ def _check_coordinates(xyz: FloatArray, path: Path) -> None:
 
 
 def _placeholders(xyz: FloatArray, path: Path) -> Mask:
-    """Return which points `(N, 3)` of an organised cloud are at 0, 0, 0, as some cameras write pixels without a point.
+    """Return which points `(N, 3)` of a cloud are at 0, 0, 0, as some cameras write pixels without a point.
 
     A warning reports these points. A single point may be at the origin.
     """

@@ -22,6 +22,7 @@ from sfr_loc_map.metrics.figures.records import CloudRecord
 from sfr_loc_map.metrics.figures.results import MapResult
 from sfr_loc_map.metrics.figures.row_part import POINTS, pair_part, range_part
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row, nees_row
+from sfr_loc_map.metrics.map.cloud_frame import frame_problem
 from sfr_loc_map.metrics.map.coverage import (
     PairCoverage,
     coverage_by_points,
@@ -101,7 +102,8 @@ def score_nearest(
 
     The nearest true point is rarely the observed point, so these distances underestimate the errors. Points at the
     position of an earlier point, points in excess of the number of pixels of all pairs, and points in excess of
-    `MOST_AT_TRUE_POINT` with the same nearest true point count as repeated.
+    `MOST_AT_TRUE_POINT` with the same nearest true point count as repeated. A warning reports a cloud that is probably
+    not in LM or not in metres.
 
     MetricsError if there is no truth, or if a point is not finite.
     """
@@ -109,8 +111,10 @@ def score_nearest(
     from scipy.spatial import cKDTree  # slow to import, and nodes rarely need it
 
     true = [truth.points[np.isfinite(truth.points).all(axis=2)] for truth in truths]
-    tree = cKDTree(np.concatenate(true).astype(np.float64), balanced_tree=False, compact_nodes=False)
+    true_points = np.concatenate(true).astype(np.float64)
+    tree = cKDTree(true_points, balanced_tree=False, compact_nodes=False)
     distance, nearest = (np.asarray(values) for values in tree.query(np.asarray(xyz, np.float64), workers=-1))
+    problem = frame_problem(np.asarray(xyz, np.float64), true_points, lambda points: np.asarray(tree.query(points)[0]))
     scored = (config.scored_from_m, config.scored_to_m)
     pairs = coverage_by_points(xyz, truths, config.scored_to_m)
     uncovered = [pair.counts(*scored).uncovered_share for pair in pairs]
@@ -136,7 +140,8 @@ def score_nearest(
             repeated=repeated,
         ),
     )
-    return MapResult(figures=figures, cloud=CloudRecord(nearest_only=True, scored_range_m=scored))
+    record = CloudRecord(nearest_only=True, scored_range_m=scored)
+    return MapResult(figures=figures, cloud=record, warnings=(problem,) if problem else ())
 
 
 # ---- rows
