@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -89,12 +89,6 @@ def run(
         if _list_jobs(specification, store, workers, retry_failed=retry_failed):
             propose("sfr", "suite", "run", suite, "--out", out, why="run them")
         return
-    told: list[str] = []
-
-    def tell(text: str) -> None:
-        told.append(text)
-        _tell(text)
-
     with _progress() as progress:
         summary = run_suite(
             specification,
@@ -102,10 +96,10 @@ def run(
             workers=workers,
             scheduler=scheduler,
             retry_failed=retry_failed,
-            say=tell,
+            say=_tell,
             progress=progress,
         )
-    _present(summary, store, json_path, junit, mlflow, told, lenient=lenient)
+    _present(summary, store, json_path, junit, mlflow, has_named_refusals=True, lenient=lenient)
 
 
 def _list_jobs(specification: SuiteSpecification, store: Store, workers: int | None, *, retry_failed: bool) -> int:
@@ -326,15 +320,15 @@ def _present(
     json_path: str | None,
     junit: Path | None,
     mlflow: str | None,
-    told: Collection[str] = (),
     *,
+    has_named_refusals: bool = False,
     is_written: bool = True,
     lenient: bool,
 ) -> None:
     """Print the tables and the verdict; raise an error if a limit was missed or not judged, or if a job failed.
 
-    The lines in `told`, which the run has printed, are not repeated. The path of the page is printed only if
-    `is_written`.
+    With `has_named_refusals`, the run has printed the refused sources of the plan, which are not repeated. The path of
+    the page is printed only if `is_written`.
     """
     from sfr_loc_map.metrics.config import VerdictState
     from sfr_loc_map.suite.pages.export import log_to_mlflow, suite_junit
@@ -352,9 +346,10 @@ def _present(
         say(f"report: {store.folder / 'report.html'}", err=True)
     planned = store.plan.refusals
     for refusal in summary.refusals:
-        text = f"{'skipped' if refusal in planned else 'removed'}: {refusal.reason}"
-        if text not in told:
-            say(one_line(text), err=True)
+        if refusal not in planned:
+            say(one_line(f"removed: {refusal.reason}"), err=True)
+        elif not has_named_refusals:
+            say(one_line(f"skipped: {refusal.reason}"), err=True)
     for failure in summary.failures:
         say(one_line(f"failed: {failure.label}: {failure.cause}: {failure.message}"), err=True)
     if summary.not_run:

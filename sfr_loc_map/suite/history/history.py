@@ -34,7 +34,7 @@ from sfr_loc_map.suite.history.shifts import (
     is_last_night_tested,
     known_mean,
 )
-from sfr_loc_map.suite.jobs.job import PairKey, have_one_configuration
+from sfr_loc_map.suite.jobs.job import PairKey, with_common_keys
 from sfr_loc_map.suite.statistics.figures import ComparedFigure, ComparedKind
 
 FALSE_ALARM_RATE = 1.0 / 365.0  #: Probability of an alarm in a night without a change, over all figures and jobs.
@@ -140,12 +140,11 @@ def find_changes(nights: Sequence[Night]) -> History:
     """
     if len(nights) < 2:
         raise MetricsError(f"a history requires at least two suites, found {len(nights)}: give several folders")
-    if have_one_configuration(night.jobs for night in nights):
-        nights = [night.without_configurations() for night in nights]
-    latest = {key: job for night in nights for key, job in night.jobs.items()}
+    jobs_of_nights = with_common_keys([night.jobs for night in nights])
+    latest = {key: job for jobs in jobs_of_nights for key, job in jobs.items()}
     if not latest:
         raise InputError(f"none of the {len(nights)} suites has a result: give folders of finished suites")
-    tables = _figure_tables(nights, [*latest])
+    tables = _figure_tables(jobs_of_nights, [*latest])
     changes: list[tuple[int, Change]] = []  # with the number of the night
     series = {}
     tested = 0
@@ -181,22 +180,24 @@ def _means_of_nights(values: FloatArray, scale: Scale) -> tuple[float | None, ..
     return tuple(mean if np.isfinite(mean) else None for mean in means)
 
 
-def _figure_tables(nights: Sequence[Night], keys: Sequence[PairKey]) -> dict[ComparedFigure, FloatArray]:
+def _figure_tables(
+    jobs_of_nights: Sequence[Mapping[PairKey, NightJob]], keys: Sequence[PairKey]
+) -> dict[ComparedFigure, FloatArray]:
     """Return the values `(job, night)` of each figure, NaN if missing.
 
     The further figure `WITHOUT_RESULT` is 1 in a night without a result of a job, 0 with a result, and missing before
     the first night that plans the job. The name of a figure is that of the last night with the figure.
     """
-    found = [
-        {key: job.figures for key, job in night.jobs.items() if job.figures is not None} for night in nights
-    ]  # by job, for each night
+    found = [  # by job, for each night
+        {key: job.figures for key, job in jobs.items() if job.figures is not None} for jobs in jobs_of_nights
+    ]
     latest = {figure: figure for results in found for figures in results.values() for figure in figures}
     tables = {
         figure: np.array([[results.get(key, {}).get(figure, np.nan) for results in found] for key in keys])
         for figure in sorted(latest.values(), key=attrgetter("kind", "name"))
     }
     has_result = np.array([[key in results for results in found] for key in keys])
-    is_planned = np.array([[key in night.jobs for night in nights] for key in keys])
+    is_planned = np.array([[key in jobs for jobs in jobs_of_nights] for key in keys])
     since_planned = np.maximum.accumulate(is_planned, axis=1)
     tables[WITHOUT_RESULT] = np.where(since_planned, 1.0 - has_result, np.nan)
     return tables

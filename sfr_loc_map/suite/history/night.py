@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations, pairwise
 from pathlib import Path
 
@@ -45,10 +45,6 @@ class Night:
         """Labels of the planned jobs without a result, and names of the refused sources."""
         failed = (job.label for job in self.jobs.values() if job.figures is None)
         return (*failed, *self.waiting)
-
-    def without_configurations(self) -> Night:
-        """Return the night with jobs that are identified by their work and data only, not by their configuration."""
-        return replace(self, jobs={key.without_configuration(): job for key, job in self.jobs.items()})
 
 
 def read_nights(folders: Sequence[Path]) -> list[Night]:

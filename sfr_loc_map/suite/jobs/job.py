@@ -15,10 +15,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.stored.score_json import from_plain, to_plain
@@ -30,6 +30,7 @@ PROVENANCE_PREFIX = "suite."  #: Prefix of the description of a job in the prove
 NATIVE_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Environment variables with the number of threads of compiled libraries, which a process reads when it starts."""
 NO_CONFIGURATION = "-"  #: Name of the configuration of jobs without parameters.
+T = TypeVar("T")
 
 
 class JobTask(StrEnum):
@@ -77,16 +78,17 @@ class PairKey(NamedTuple):
     """Identity of a job among several suites."""
 
     pairing: str  #: Hash of work and data (`Job.pairing`).
-    configuration: str  #: Name of the configuration; empty if each suite has only one.
-
-    def without_configuration(self) -> PairKey:
-        """Return the key of a job of a suite with one configuration."""
-        return self._replace(configuration="")
+    configuration: str  #: Name of the configuration; empty in `with_common_keys` of suites with one configuration.
 
 
-def have_one_configuration(suites: Iterable[Iterable[PairKey]]) -> bool:
-    """Return whether each suite has only one configuration, whose name may then differ between the suites."""
-    return all(len({key.configuration for key in keys}) < 2 for keys in suites)
+def with_common_keys(suites: Sequence[Mapping[PairKey, T]]) -> list[dict[PairKey, T]]:
+    """Return the jobs of several suites by the keys that pair the jobs.
+
+    If each suite has only one configuration, its name is not part of the keys, so that the names may differ.
+    """
+    if any(len({key.configuration for key in jobs}) > 1 for jobs in suites):
+        return [dict(jobs) for jobs in suites]
+    return [{key._replace(configuration=""): job for key, job in jobs.items()} for jobs in suites]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

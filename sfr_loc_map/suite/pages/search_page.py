@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.report.page import render_overview
 from sfr_loc_map.report.plots import Plot, axis, colour_bar, log_axis, marks, plain, span
 from sfr_loc_map.report.summary import Banner
-from sfr_loc_map.suite.search.record import CoverageRecord, SearchRecord, badness_of
-from sfr_loc_map.tables.model import ABSENT, Cell, Column, Table
+from sfr_loc_map.suite.search.record import CoverageRecord, Parameter, PointRecord, SearchRecord, badness_of
+from sfr_loc_map.tables.model import UNKNOWN, Cell, Column, Table
+from sfr_loc_map.tables.typed import RowColumn, heads, numbers, table_of, words
 
 WORST_SHOWN = 20  #: Maximum number of points in the table of the worst points.
 CELLS_SHOWN = 30  #: Maximum number of untested cells in the table.
@@ -21,53 +23,79 @@ def search_tables(record: SearchRecord) -> list[Table]:
     return [case_table(record), _points_table(record), *_coverage_tables(record.coverage)]
 
 
+class CaseRow(NamedTuple):
+    """A parameter, or the ratio of figure and limit, at the compared points."""
+
+    title: str
+    parameter: Parameter | None  #: None for the ratio.
+    usual: float | None
+    worst: float | None
+    reduced: float | None
+
+    @property
+    def without(self) -> str:
+        """Text in place of a missing value."""
+        return WITHOUT if self.parameter is None else UNKNOWN
+
+
+CASE: tuple[RowColumn[CaseRow], ...] = (
+    heads("parameter", lambda row: row.title),
+    numbers("low", lambda row: None if row.parameter is None else row.parameter.low),
+    numbers("high", lambda row: None if row.parameter is None else row.parameter.high),
+    RowColumn(Column("usual"), lambda row: Cell.number(row.usual, undefined=row.without)),
+    RowColumn(Column("worst point"), lambda row: Cell.number(row.worst, undefined=row.without)),
+    RowColumn(Column("reduced case"), lambda row: Cell.number(row.reduced, undefined=row.without)),
+)
+
+
 def case_table(record: SearchRecord) -> Table:
     """Return the ranges of the parameters, and their values in the usual scenario, the worst point and the case."""
-    columns = ("parameter", "low", "high", "usual", "worst point", "reduced case")
-    heads = tuple(Column(title, words=title == "parameter") for title in columns)
-    cases = (record.usual, record.found, record.case)
+    points = (record.usual, record.found, record.case)
     rows = []
     for parameter in record.parameters:
-        of_cases = (case.point.get(parameter.name) for case in cases)
-        values = (parameter.low, parameter.high, *of_cases)
-        rows.append((Cell.head(parameter.name), *map(Cell.number, values)))
-    ratios = (_ratio(case.ratio) for case in cases)
-    rows.append((Cell.head("figure over limit"), *[Cell(ABSENT)] * 2, *ratios))
+        values = (point.point.get(parameter.name) for point in points)
+        rows.append(CaseRow(parameter.name, parameter, *values))
+    rows.append(CaseRow("figure over limit", None, *(point.ratio for point in points)))
     note = (
         f"{record.title}: limit {record.limit:g}. {len(record.points)} points were searched. The reduced case is "
         "the worst point with those changes removed or made smaller without which the limit is still missed. Further "
         "points were run to reduce the case and to compute the slices. A drive without the figure counts as worse than "
         "any drive with the figure."
     )
-    return Table("case", "Worst case", heads, tuple(rows), note)
-
-
-def _ratio(ratio: float | None) -> Cell:
-    return Cell.number(ratio, undefined=WITHOUT)
+    return table_of("case", "Worst case", CASE, rows, note)
 
 
 def _points_table(record: SearchRecord) -> Table:
-    names = [parameter.name for parameter in record.parameters]
-    heads = (Column("point"), Column("figure over limit"), *map(Column, names))
-    numbered = sorted(enumerate(record.points, 1), key=lambda item: badness_of(item[1].ratio), reverse=True)
-    rows = tuple(
-        (Cell.number(number), _ratio(item.ratio), *(Cell.number(item.point[name]) for name in names))
-        for number, item in numbered[:WORST_SHOWN]
-    )
-    return Table("points", "Points with the smallest margin", heads, rows)
+    columns: list[RowColumn[tuple[int, PointRecord]]] = [
+        numbers("point", lambda row: row[0]),
+        numbers("figure over limit", lambda row: row[1].ratio, undefined=WITHOUT),
+        *(_values_of(parameter.name) for parameter in record.parameters),
+    ]
+    numbered = sorted(enumerate(record.points, 1), key=lambda row: badness_of(row[1].ratio), reverse=True)
+    return table_of("points", "Points with the smallest margin", columns, numbered[:WORST_SHOWN])
+
+
+def _values_of(name: str) -> RowColumn[tuple[int, PointRecord]]:
+    return numbers(name, lambda row: row[1].point[name])
 
 
 def _coverage_tables(coverage: Sequence[CoverageRecord]) -> list[Table]:
     tables = []
     for number, combination in enumerate(coverage, 1):
-        heads = tuple(Column(name, words=True) for name in combination.parameters)
-        rows = tuple(
-            tuple(Cell(f"{low:.4g} to {high:.4g}") for low, high in cell) for cell in combination.missing[:CELLS_SHOWN]
-        )
+        columns = [_ranges_of(name, index) for index, name in enumerate(combination.parameters)]
         tested = combination.cells - len(combination.missing)
         note = f"{tested} of {combination.cells} cells were tested. The table lists untested cells."
-        tables.append(Table(f"coverage-{number}", f"Coverage: {', '.join(combination.parameters)}", heads, rows, note))
+        title = f"Coverage: {', '.join(combination.parameters)}"
+        tables.append(table_of(f"coverage-{number}", title, columns, combination.missing[:CELLS_SHOWN], note))
     return tables
+
+
+def _ranges_of(name: str, index: int) -> RowColumn[Sequence[tuple[float, float]]]:
+    def text_of(cell: Sequence[tuple[float, float]]) -> str:
+        low, high = cell[index]
+        return f"{low:.4g} to {high:.4g}"
+
+    return words(name, text_of)
 
 
 def render_search(record: SearchRecord) -> str:

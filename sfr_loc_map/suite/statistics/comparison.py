@@ -26,11 +26,10 @@ from sfr_loc_map.metrics.comparison import Outcome
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.statistics.intervals import Interval, holm
 from sfr_loc_map.metrics.stored.score_json import to_plain
-from sfr_loc_map.suite.jobs.job import PairKey, have_one_configuration
+from sfr_loc_map.suite.jobs.job import PairKey, with_common_keys
 from sfr_loc_map.suite.statistics.common_deviations import CommonDeviation
 from sfr_loc_map.suite.statistics.figures import ComparedFigure, ComparedKind, figures_of
 from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights, half_width
-from sfr_loc_map.suite.statistics.scored_job import ScoredJob
 from sfr_loc_map.suite.statistics.summary import Summary
 
 SIGNIFICANCE = 0.05  #: Level of the corrected p-values below which a difference is reported.
@@ -115,7 +114,12 @@ class SuiteComparison:
 
 def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> SuiteComparison:
     """Compare the second suite with the first, the reference; raise MetricsError if no drive is common to both."""
-    first_results, other_results = _by_pair_key(first, other)
+    first_results, other_results = with_common_keys(
+        [
+            {PairKey(result.job.pairing, result.job.configuration): result for result in suite.results}
+            for suite in (first, other)
+        ]
+    )
     common = [(result, other_results[key]) for key, result in first_results.items() if key in other_results]
     if not common:
         raise MetricsError(
@@ -160,16 +164,6 @@ def _state_of(suite: Summary, name: str) -> SuiteState:
 def _added(group: str, figure: str, pairs: Sequence[tuple[float, float]]) -> CountComparison:
     first, other = (int(sum(counts)) for counts in zip(*pairs, strict=True))
     return CountComparison(group=group, figure=figure, results=len(pairs), first=first, other=other)
-
-
-def _by_pair_key(*suites: Summary) -> list[dict[PairKey, ScoredJob]]:
-    """Return the results of each suite by the key that pairs them."""
-    found = [
-        {PairKey(result.job.pairing, result.job.configuration): result for result in suite.results} for suite in suites
-    ]
-    if have_one_configuration(found):
-        return [{key.without_configuration(): result for key, result in results.items()} for results in found]
-    return found
 
 
 def _compared(

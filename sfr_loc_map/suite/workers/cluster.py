@@ -4,9 +4,11 @@ Dask starts the processes, replaces a process that exceeds its memory limit, and
 worker. An error fails a job at once, because a job is a pure function of its inputs. This module adds the time limit of
 a job, the check that a worker has the code of the client, and the cause of a failure.
 
+    connected ── Client ── SuiteWorkers ── run_jobs ──> JobOutcome of each job
+
 A Dask plugin compares the digest of the code once for each run, on the present workers and on those that join later. A
 worker with the code of the client offers a resource that the jobs require, so that Dask assigns jobs only to such
-workers.
+workers (`SuiteWorkers`).
 """
 
 from __future__ import annotations
@@ -45,6 +47,9 @@ ASK_EVERY_S = 1.0  #: Period, s, at which the scheduler is asked for its workers
 SAY_AFTER_S = 2.0  #: Time, s, without a worker after which a message is printed.
 SHOWN = 10  #: Maximum number of reported workers with different code.
 NETWORK_SCHEMES = ("tcp", "tls")  #: Schemes of the addresses of Dask that have a host and a port.
+
+
+# ---- the connection
 
 
 @contextlib.contextmanager
@@ -123,6 +128,9 @@ def _end(cluster: Any) -> None:  # noqa: ANN401 - distributed is typed in part
             os.kill(nanny.process.pid, signal.SIGKILL)
     with contextlib.suppress(Exception):
         cluster.close(timeout=5)
+
+
+# ---- the workers with the code of the client
 
 
 def proof_plugin(resource: str, expected: Mapping[str, str]) -> WorkerPlugin:
@@ -231,6 +239,9 @@ class SuiteWorkers:
         lacks = [f"{at.host} ({worker}): {at.set_aside}" for worker, at in zip(workers, known, strict=True)]
         more = f"; and {len(lacks) - SHOWN} more" if len(lacks) > SHOWN else ""
         return f"none of {len(lacks)} workers is usable: {'; '.join(lacks[:SHOWN])}{more}"
+
+
+# ---- the jobs
 
 
 def run_jobs(jobs: Sequence[Job], workers: SuiteWorkers, cache: Path) -> Generator[tuple[Job, JobOutcome]]:
