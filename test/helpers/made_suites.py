@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,12 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.suite.jobs.job import Job, JobTask
 from sfr_loc_map.suite.jobs.sources import Recording
 from sfr_loc_map.suite.planning.plan import Plan, PlanFile, SuiteRun
 from sfr_loc_map.suite.planning.specification import Refusal
+from sfr_loc_map.suite.statistics.scored_job import ScoredJob
 from sfr_loc_map.suite.store import Store
 
 SFR = (sys.executable, "-m", "sfr_loc_map")
@@ -46,6 +49,12 @@ JOB = Job(
     threads=1,
     code="c",
 )
+
+
+def scored_job(drive: str, score: Score, sha256: str = "") -> ScoredJob:
+    """Return a result of a drive; copies of a drive differ in the hash of their source."""
+    source = Recording(name=drive, path=f"{drive}.mcap", sha256=sha256 or drive, drive=drive, state="")
+    return ScoredJob(replace(JOB, source=source), score)
 
 
 def save_jobs(

@@ -18,7 +18,7 @@ from rich.console import Console
 
 import sfr_loc_map
 from helpers.made_scores import drive, json_of
-from helpers.made_suites import JOB
+from helpers.made_suites import JOB, scored_job
 from sfr_loc_map.metrics.comparison import compare_scores
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.figures import catalogue
@@ -43,7 +43,7 @@ from sfr_loc_map.report.test_report import render_test_report
 from sfr_loc_map.suite.pages.tables import result_table
 from sfr_loc_map.suite.search.specification import CHOICES
 from sfr_loc_map.suite.statistics.figures import figures_of
-from sfr_loc_map.suite.statistics.pooling import DriveScore, pool
+from sfr_loc_map.suite.statistics.pooling import pool
 from sfr_loc_map.suite.statistics.scored_job import ScoredJob
 from sfr_loc_map.tables.formats import to_csv, to_rich
 from sfr_loc_map.tables.model import Table
@@ -239,7 +239,7 @@ def test_a_figure_is_in_the_tables_of_suites_and_in_the_history(tmp_path: Path) 
     row = score.judged_row("slip")
     assert row is not None
     assert "slip over 5 m, m" in [item.name for item in figures_of(score)]
-    pooled = {item.figure: item for item in pool([DriveScore("a", score), DriveScore("b", score)], "distance=5")}
+    pooled = {item.figure: item for item in pool([scored_job("a", score), scored_job("b", score)], "distance=5")}
     assert pooled["slip"].n == 2 * (row.n or 0)
     drives = result_table("drives", "", [ScoredJob(JOB, score)], set(), Subject.TRAJECTORY)
     assert drives.rows[0][titles(drives).index("slip, mean + 3 sigma")].value == row.mean_plus_3sigma

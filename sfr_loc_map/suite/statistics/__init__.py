@@ -1,7 +1,7 @@
 """Statistics over the results of one suite, and the comparison of two suites.
 
 summary.py              reads the results of a suite, and calls the other modules: Summary
-  scored_job.py         a result, judged by the limits
+  scored_job.py         a job with its score, judged by the limits: ScoredJob
   groups.py             the results with the same task, configuration and faults: Group
     pooling.py          errors over the sub-trajectories of all drives
     group_verdicts.py   verdicts over all drives

@@ -16,7 +16,7 @@ interval.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -81,18 +81,18 @@ def budget_of(
     needed = list(dict.fromkeys([ALL, NONE, *alone_in.values(), *missing_in.values()]))
     begun = sorted({drive for name in needed for drive in sums.get(name, {})})
     drives = [drive for drive in begun if all(drive in sums.get(name, {}) for name in needed)]
+    budget = Budget(
+        configuration=configuration,
+        condition=condition,
+        drives=len(drives),
+        left_out=len(begun) - len(drives),
+        rms_m=None,
+        rows=tuple(row_with_fraction(name, BudgetFigure()) for name in error_sources),
+        rest=BudgetFigure(),
+        total=BudgetFigure(),
+    )
     if not drives:
-        rows = [row_with_fraction(name, BudgetFigure()) for name in error_sources]
-        return Budget(
-            configuration=configuration,
-            condition=condition,
-            drives=0,
-            left_out=len(begun),
-            rms_m=None,
-            rows=tuple(rows),
-            rest=BudgetFigure(),
-            total=BudgetFigure(),
-        )
+        return budget
     drawn = _weights(len(drives))
     moments = {name: _moments(drawn @ np.array([sums[name][drive] for drive in drives])) for name in needed}
     whole, none = moments[ALL], moments[NONE]
@@ -115,11 +115,8 @@ def budget_of(
                 sigma_m=tuple(np.sqrt(variance).tolist()),
             )
         )
-    return Budget(
-        configuration=configuration,
-        condition=condition,
-        drives=len(drives),
-        left_out=len(begun) - len(drives),
+    return replace(
+        budget,
         rms_m=float(np.sqrt(whole.mean_square[0])),
         rows=tuple(rows),
         rest=_figure(rest, len(drives)),

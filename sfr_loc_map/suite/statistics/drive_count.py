@@ -84,7 +84,7 @@ def drive_counts(results: Sequence[ScoredJob], limits: Limits | None) -> Iterato
         )
     for key, members in by_group(results).items():
         for limit, terms in chosen:
-            samples, _ = samples_by_drive(limit, [result.of_drive for result in members])
+            samples, _ = samples_by_drive(limit, members)
             if not samples:
                 continue
             interpretation = terms.interpretation

@@ -28,7 +28,7 @@ from sfr_loc_map.metrics.score.limits import Limit, Limits, Population, Terms, m
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.statistics.tolerance import Sample
-from sfr_loc_map.suite.statistics.pooling import DriveScore
+from sfr_loc_map.suite.statistics.scored_job import ScoredJob
 from sfr_loc_map.suite_names import Task
 
 WORST_DRIVE = "worst drive"
@@ -44,7 +44,7 @@ class GroupVerdict(Verdict, frozen=True, kw_only=True):
 
 def verdicts_over(
     limits: Limits | None,
-    results: Sequence[DriveScore],
+    results: Sequence[ScoredJob],
     pooled: tuple[Figure, ...],
     suite_tasks: Collection[Task] = (),
     next_drive: str | None = None,
@@ -69,7 +69,7 @@ def verdicts_over(
             yield verdict_over_drives(limit, limits or Limits(), results, pooled)
 
 
-def _verdicts_without_limit(results: Sequence[DriveScore], suite_items: int) -> Iterator[GroupVerdict]:
+def _verdicts_without_limit(results: Sequence[ScoredJob], suite_items: int) -> Iterator[GroupVerdict]:
     """Yield the verdicts on findings, contradictions and incomplete scores."""
     scores = [result.score for result in results]
     wrong = [(result.drive_key, item) for result in results for item in finding_verdicts(result.score)]
@@ -85,7 +85,7 @@ def _verdicts_without_limit(results: Sequence[DriveScore], suite_items: int) -> 
         plain = plain_verdict("items_under_test_max", 1.0, float(several), VerdictState.NOT_JUDGED)
         yield _group_verdict(replace(plain, n=len(scores)), ALL_DRIVES, several)
     if incomplete := [result for result in results if result.score.incomplete is not None]:
-        rows = [row for _, score, _ in incomplete for row in score.rows("judged", subject=Subject.COMPLETENESS)[:1]]
+        rows = [row for result in incomplete for row in result.score.rows("judged", subject=Subject.COMPLETENESS)[:1]]
         fractions = [row.value for row in rows if row.value is not None]
         # an incomplete drive prevents a pass, whatever the figures of the other drives
         smallest = replace(judged_share_verdict(min(fractions, default=None)), n=len(scores))
@@ -93,7 +93,7 @@ def _verdicts_without_limit(results: Sequence[DriveScore], suite_items: int) -> 
 
 
 def verdict_over_drives(
-    limit: Limit, limits: Limits, results: Sequence[DriveScore], pooled: tuple[Figure, ...]
+    limit: Limit, limits: Limits, results: Sequence[ScoredJob], pooled: tuple[Figure, ...]
 ) -> GroupVerdict:
     """Return the verdict over drives on a limit without a probability.
 
@@ -154,16 +154,17 @@ def _has_all_values(figure: LimitedValue) -> bool:
     return not figure.row.unknown and bool(figure.row.n)
 
 
-def independent_of_drives(limit: Limit, results: Sequence[DriveScore]) -> float:
+def independent_of_drives(limit: Limit, results: Sequence[ScoredJob]) -> float:
     """Return the number of independent values of a limited figure; the repeats of a drive count once."""
     by_drive: dict[str, float] = {}
-    for drive_key, score, _ in results:
-        if task_of(limit) in tasks_of(score):
-            by_drive[drive_key] = max(by_drive.get(drive_key, 0.0), value_of(limit, score).independent or 0.0)
+    for result in results:
+        if task_of(limit) in tasks_of(result.score):
+            independent = value_of(limit, result.score).independent or 0.0
+            by_drive[result.drive_key] = max(by_drive.get(result.drive_key, 0.0), independent)
     return sum(by_drive.values())
 
 
-def samples_by_drive(limit: Limit, results: Sequence[DriveScore]) -> tuple[dict[str, list[Sample]], set[str]]:
+def samples_by_drive(limit: Limit, results: Sequence[ScoredJob]) -> tuple[dict[str, list[Sample]], set[str]]:
     """Return, for each drive, the errors to which a limit applies. Also return the drives for which errors are missing.
 
     Errors are missing if a result has no sub-trajectory, has an unknown error, or contains only a part of its errors.
@@ -183,7 +184,7 @@ def samples_by_drive(limit: Limit, results: Sequence[DriveScore]) -> tuple[dict[
 
 
 def proof_over_drives(
-    limit: Limit, terms: Terms, results: Sequence[DriveScore], next_drive: str | None = None
+    limit: Limit, terms: Terms, results: Sequence[ScoredJob], next_drive: str | None = None
 ) -> GroupVerdict:
     """Return the verdict over drives on a limit with a probability and a confidence.
 

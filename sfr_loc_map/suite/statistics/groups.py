@@ -47,14 +47,13 @@ def groups_of(results: Sequence[ScoredJob], limits: Limits | None, unfinished: S
     suite_tasks = {task for result in results for task in tasks_of(result.score)}
     several = len(undeclared_items_in(results))
     for key, unsorted in by_group(results).items():
-        in_group = sorted(unsorted, key=lambda item: (item.job.drive_key, item.job.key))
+        in_group = sorted(unsorted, key=lambda item: (item.drive_key, item.job.key))
         next_drive = min((job.drive_key for job in unfinished if job.group == key), default=None)
         scores = [result.score for result in in_group]
         trajectories = [score.association for score in scores if score.association is not None]
         conditions = list(dict.fromkeys(condition for score in scores for condition in score.conditions))
-        of_drives = [result.of_drive for result in in_group]
         suite_items = several if key.task == JobTask.SCORE else 0
-        pooled = tuple(row for condition in conditions for row in pool(of_drives, condition))
+        pooled = tuple(row for condition in conditions for row in pool(in_group, condition))
         yield Group(
             task=key.task,
             configuration=key.configuration,
@@ -63,7 +62,7 @@ def groups_of(results: Sequence[ScoredJob], limits: Limits | None, unfinished: S
             lost=sum(item.lost or 0 for item in trajectories),
             matched=sum(item.matched for item in trajectories),
             figures=pooled,
-            verdicts=tuple(verdicts_over(limits, of_drives, pooled, suite_tasks, next_drive, suite_items)),
+            verdicts=tuple(verdicts_over(limits, in_group, pooled, suite_tasks, next_drive, suite_items)),
         )
 
 

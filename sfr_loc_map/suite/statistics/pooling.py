@@ -8,7 +8,7 @@ whole drives, because errors within one drive are not independent.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -20,24 +20,17 @@ from sfr_loc_map.metrics.figures.subjects import Subject
 from sfr_loc_map.metrics.formulas import mean_plus_3sigma
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights, half_width
+from sfr_loc_map.suite.statistics.scored_job import ScoredJob
 
 FIGURE_OF_AXES = "position"  #: Figure whose rows are the components of error vectors.
-
-
-class DriveScore(NamedTuple):
-    """The score of a result with its drive."""
-
-    drive_key: str  #: `Job.drive_key`.
-    score: Score
-    source_sha256: str = ""  #: Hash of the source, which differs between copies of one drive.
 
 
 AxisRows: TypeAlias = Sequence[Figure]
 """A figure of a result: the rows of its axes, or the judged row of a figure without axes."""
 
 
-def pool(results: Sequence[DriveScore], condition: str) -> Iterator[Figure]:
-    """Yield the pooled errors of scores for a condition.
+def pool(results: Sequence[ScoredJob], condition: str) -> Iterator[Figure]:
+    """Yield the pooled errors of results for a condition.
 
     Means and sigmas of a vector are pooled axis by axis. Of several sources that are copies of one drive, only the
     worst is pooled, because copies would dilute the errors.
@@ -50,7 +43,7 @@ def pool(results: Sequence[DriveScore], condition: str) -> Iterator[Figure]:
         for result in with_figure:
             rows = rows_by_axis(result.score, kind, condition)
             if rows and all(row.mean is not None and (row.n or 0) > 0 for row in rows):
-                by_source.setdefault((result.drive_key, result.source_sha256), []).append(rows)
+                by_source.setdefault((result.drive_key, result.job.source.sha256), []).append(rows)
         if with_figure:
             yield pooled_row(kind.name, condition, _without_copies(kind.name, condition, by_source))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limited import limits_about, tasks_of
@@ -14,21 +15,20 @@ from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.suite.jobs.job import Job, JobTask
 from sfr_loc_map.suite.jobs.job_outcome import JobState
 from sfr_loc_map.suite.statistics.figures import figures_of
-from sfr_loc_map.suite.statistics.pooling import DriveScore
 from sfr_loc_map.suite.store import Store
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class ScoredJob:
     """A job with its score."""
 
     job: Job
     score: Score
 
-    @property
-    def of_drive(self) -> DriveScore:
-        """The score with the keys by which repeats and copies of a drive are identified."""
-        return DriveScore(self.job.drive_key, self.score, self.job.source.sha256)
+    @cached_property
+    def drive_key(self) -> str:
+        """`Job.drive_key`, which repeats and copies of a drive share."""
+        return self.job.drive_key
 
     @property
     def position_m(self) -> float | None:

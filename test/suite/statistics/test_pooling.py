@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from helpers.made_suites import scored_job
 from helpers.random_drives import drive, trajectory
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
@@ -16,7 +17,7 @@ from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.trajectory.trajectory_errors import error_figures
 from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
-from sfr_loc_map.suite.statistics.pooling import DriveScore, pool, pooled_row
+from sfr_loc_map.suite.statistics.pooling import pool, pooled_row
 
 
 def rows_of(values: np.ndarray) -> list[Figure]:
@@ -56,7 +57,7 @@ def test_pooled_is_the_statistic_of_all_values(sizes: list[int], axes: int, seed
     repeated = pooled(drives, ["one"] * len(drives))
     assert (repeated.mean, repeated.interval) == (found.mean, None)  # repeats of one drive
     one = Score(figures=tuple(figure_row("position", "distance=5", axis, n=1, mean=1.0) for axis in "xyz"))
-    assert [row.mean for row in pool([DriveScore("a", one)], "distance=5")] == [None], "one value has no sigma"
+    assert [row.mean for row in pool([scored_job("a", one)], "distance=5")] == [None], "one value has no sigma"
 
 
 def test_the_interval_holds_the_true_figure_nine_times_in_ten_at_least() -> None:
@@ -81,10 +82,10 @@ def test_of_several_sources_of_a_drive_the_worst_is_pooled() -> None:
     good, bad = (Score(figures=tuple(rows_of(scale * rng.normal(0.0, 1.0, (30, 3))))) for scale in (1.0, 2.0))
     found = []
     for scores in ((good, bad), (bad, good)):
-        results = [DriveScore("drive", score, source) for score, source in zip(scores, "ab", strict=True)]
+        results = [scored_job("drive", score, source) for score, source in zip(scores, "ab", strict=True)]
         (row,) = pool(results, "distance=5")
         found.append(row.mean_plus_3sigma)
-    (alone,) = pool([DriveScore("drive", bad)], "distance=5")
+    (alone,) = pool([scored_job("drive", bad)], "distance=5")
     assert found == [alone.mean_plus_3sigma] * 2
 
 
@@ -101,7 +102,7 @@ def test_each_figure_of_sub_trajectories_is_pooled_like_all_errors_together(has_
         config = TrajectoryScoreConfig(conditions=(condition,), spacing=1)
         scored = score_trajectory(Estimates.of(estimate), truth, config, kept_errors=kept)
         scores.append(Score(figures=scored.figures, association=scored.association, errors=scored.errors))
-    rows = {row.figure: row for row in pool([DriveScore(str(k), each) for k, each in enumerate(scores)], condition)}
+    rows = {row.figure: row for row in pool([scored_job(str(k), each) for k, each in enumerate(scores)], condition)}
     for kind in kinds:
         errors = np.concatenate([score.all_errors(kind.name, condition) for score in scores])
         expected = statistics(errors if kind.axes else errors[:, 0])
