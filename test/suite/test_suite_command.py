@@ -329,7 +329,7 @@ def test_an_incomplete_score_of_a_drive_makes_the_suite_incomplete(
     path, truth = suite.parent / "drive0.csv", read_trajectory_file(suite.parent / "truth0.csv").trajectory
     drive = read_trajectory_file(path).trajectory
     is_between = (np.arange(len(drive)) % 5 > 0)[:, None]
-    wrong = drive.positions + is_between * np.array([0.0, 0.0, 3.0])
+    wrong = drive.positions + is_between * np.random.default_rng(0).normal(0.0, 3.0, (len(drive), 3))
     chosen = wrong if kind == "between" else truth.positions
     save_trajectory(path, Trajectory(drive.stamps_ns, chosen, drive.quats_xyzw))
     ran = sfr("suite", "run", suite, "--out", tmp_path / "out", "--scheduler", scheduler, "--json", "-")
