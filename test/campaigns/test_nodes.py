@@ -9,8 +9,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(400)]
 
-from campaigns import drivers, faults
-from campaigns.drivers import Case
+from campaigns import faults
 from campaigns.faults import Row
 from campaigns.node_harness import LOCALISATION, MONITOR, Harness
 from campaigns.soak import MemoryTrend
@@ -34,12 +33,3 @@ def test_a_slow_growth_is_found(mb_h: float, fails: bool) -> None:
     seconds = np.arange(0.0, 3600.0)
     mb = 300.0 + np.random.default_rng(2).normal(0.0, 0.1, len(seconds)) + mb_h * seconds / 3600.0
     assert bool(MemoryTrend(seconds.tolist(), mb.tolist()).failure()) == fails
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("own_domain")
-def test_pairs_of_two_drivers_are_localised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(drivers, "SECONDS", 1.5)
-    case = Case("realsense", 10.0, 512, True, "yuv422_yuy2")
-    found = drivers.run_case(case, drivers.make_images(tmp_path, 15, (512,)), tmp_path / "run")
-    assert (found.sent, found.localised, found.problem) == (15, 15, "")

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -83,21 +82,6 @@ def test_a_node_that_dies_is_named_and_nothing_is_left(tmp_path: Path) -> None:
         assert "Traceback" not in replay.text
     wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in pids), "the end of all nodes")
     assert not out.exists()
-    assert shared
-    assert not abandoned(shared)
-
-
-@pytest.mark.slow
-def test_a_replay_that_is_ended_leaves_no_nodes_behind(tmp_path: Path) -> None:
-    source = write_folder(tmp_path / "source", 100, 0)
-    with Process(tmp_path / "log", *COMMAND, "replay", str(source), "--rate", "1") as replay:
-        pids = wait_until(lambda: len(nodes_of(replay.popen.pid)) == 3 and nodes_of(replay.popen.pid), "three nodes")
-        wait_until(lambda: all(map(has_started_ros, pids)), "the start of the nodes")
-        time.sleep(0.5)
-        shared = segments_of([*pids, replay.popen.pid])
-        assert replay.end(signal.SIGTERM, signal.SIGINT) == 130
-        assert "Traceback" not in replay.text
-    wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in pids), "the end of all nodes")
     assert shared
     assert not abandoned(shared)
 

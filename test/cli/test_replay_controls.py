@@ -20,7 +20,7 @@ from nav_msgs.msg import Odometry
 from helpers.cli_result import Sfr
 from helpers.made_scene import PERIOD_NS, START_NS, write_folder
 from helpers.peer import Peer
-from helpers.processes import Process
+from helpers.processes import Process, abandoned, nodes_of, segments_of
 from sfr_loc_map.message_stamps import stamp_of
 
 COMMAND = ("-m", "sfr_loc_map")
@@ -57,10 +57,17 @@ def test_pause_resume_and_interruption(tmp_path: Path, peer: Peer) -> None:
             count = len(odometry)
             peer.spin(0.5)
         assert indices(odometry) == list(range(count))
+        pids = nodes_of(replay.popen.pid)
+        shared = segments_of([*pids, replay.popen.pid])
         os.kill(replay.popen.pid, signal.SIGINT)
         peer.until(lambda: replay.popen.poll() is not None, "the end", 60.0)
         assert replay.popen.returncode == 130, replay.text
         assert f"sfr: interrupted: {count} of 20 pairs were played and scored" in replay.text
+        assert "Traceback" not in replay.text
+    assert len(pids) == 3
+    assert not any(Path(f"/proc/{pid}").exists() for pid in pids), "no node is left behind"
+    assert shared
+    assert not abandoned(shared)
     score = json.loads((out / "report.json").read_text())
     assert len((out / "estimate.csv").read_text().splitlines()) == 1 + count
     assert score["incomplete"].startswith(f"the estimate covers {100 * count // 20} % of the images")

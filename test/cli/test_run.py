@@ -152,8 +152,7 @@ def test_a_node_that_dies_ends_the_others_or_is_started_again(tmp_path: Path) ->
         options = ["--respawn"] * respawn
         with Process(tmp_path / f"log{respawn}", *COMMAND, "run", "monitor", "mapping", *options) as run:
             pids = wait_until(lambda run=run: len(nodes_of(run.popen.pid)) == 2 and nodes_of(run.popen.pid), "two")
-            wait_until(lambda pids=pids: all(map(has_started_ros, pids)), "the start of the nodes")
-            os.kill(pids[0], signal.SIGKILL)
+            os.kill(pids[0], signal.SIGKILL)  # also a node that is still being started
             if not respawn:
                 assert run.popen.wait(60) == 2
                 assert "was killed by SIGKILL: its output is above" in run.text.splitlines()[-1]
