@@ -144,9 +144,8 @@ setup(
             *S3,  # BSD-3, MIT, Apache-2.0, BSD-3; a server of object storage, and what reads it, for tests
             "colcon-common-extensions>=0.3,<1",  # Apache-2.0; builds the package as a ROS workspace does, for tests
             "cyclonedds>=11,<12",
-            "ipykernel>=6.29,<8",  # BSD-3; with nbclient it runs the notebook, for a test
+            "ipython>=8,<10",  # BSD-3; runs the cells of the notebook, for a test
             "mypy>=1.13,<3",
-            "nbclient>=0.10,<0.12",  # BSD-3
             "pre-commit>=4,<6",  # MIT
             "ruff>=0.8,<0.18",
             "scipy-stubs",
