@@ -69,7 +69,7 @@ def library(what: str, config: str, finding: str, **more: Any) -> Case:
 def slow(what: str, config: str, least_s: float, *findings: str) -> Case:
     """Return the case of a class whose measured time exceeds the limit of 0.2 s, while the stated time does not."""
     limit, least = "timing: {localisation_p50_s: 0.2}\n", ("processing_time_s", 0.99 * least_s)
-    return Case(what, "class", config, findings, "fail", (len(findings), 1), 6, daily=True, limit=limit, least=least)
+    return Case(what, "class", config, findings, "fail", (len(findings), 1), 4, daily=True, limit=limit, least=least)
 
 
 def large(what: str, config: str, says: str = "") -> Case:
@@ -104,7 +104,7 @@ CASES = (
     slow("works while images are written, with a lease on its log", "lease", 0.35),
     large("takes 211 MB and tries to reset the mark of its memory", "marks", says="opened 0"),
     large("keeps 211 MB in files of its scratch folder", "files"),
-    Case("prints 60 MB a call", "class", "prints", (), STANDING, (0, 3), daily=True),
+    Case("prints 60 MB a call", "class", "prints", (), STANDING, (0, 3), 8, daily=True),
     Case("leaves a process in a session of its own", "class", "session", (), STANDING, (0, 3), leaves=1, daily=True),
     Case("leaves an orphan", "class", "orphan", (), STANDING, (0, 3), leaves=1),
     Case("reads /proc/PPID/cmdline and the truth", "class", "parent", (), "fail", (0, 1), says="opened 0"),
