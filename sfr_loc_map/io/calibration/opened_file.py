@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -105,9 +105,30 @@ def content_of(file: Path) -> Any:  # noqa: ANN401 - any YAML or JSON
             raise ValueError(f"it is not complete XML: {error}") from error
         return {name: _xml_value(item) for name, item in _elements_in(root).items()}
     try:
-        return parse_opencv_yaml(text.removesuffix("---"))  # `ros2 topic echo` ends messages by `---`
+        return _one_of_equal([parse_opencv_yaml(part) for part in _documents(text)])
     except yaml.YAMLError as error:
         raise ValueError(f"it is not YAML, JSON or XML: {error}") from error
+
+
+def _documents(text: str) -> list[str]:
+    """Return the documents of a YAML text; `ros2 topic echo` writes one for each message, ended by `---`."""
+    parts = re.split(r"^---[ \t]*$", text, flags=re.MULTILINE)
+    filled = [part for part in parts if re.sub(r"^[%#].*$", "", part, flags=re.MULTILINE).strip()]
+    return filled or [text.removesuffix("---")]
+
+
+def _one_of_equal(documents: Sequence[Any]) -> Any:  # noqa: ANN401 - any YAML
+    """Return the first of documents that differ at most in their header; raise ValueError if others differ."""
+    first, *others = (
+        {name: value for name, value in each.items() if name != "header"} if isinstance(each, dict) else each
+        for each in documents
+    )
+    if any(other != first for other in others):
+        raise ValueError(
+            f"it has {len(documents)} different YAML documents, separated by '---': one document is required; write "
+            "each camera to a file of its own, left.yaml and right.yaml"
+        )
+    return documents[0]
 
 
 def _xml_value(element: ET.Element) -> dict[str, str | None] | str | None:

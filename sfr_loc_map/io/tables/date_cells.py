@@ -1,4 +1,4 @@
-"""Dates and times of day in adjacent cells, which are one stamp: `14.11.2023;22:13:20,5` or `2023/11/14 22:13:20.5`."""
+"""Dates and times of day, which are one stamp: `14.11.2023;22:13:20,5` or `2023/11/14 22:13:20.5`."""
 
 from __future__ import annotations
 
@@ -7,23 +7,30 @@ import re
 _YEAR_FIRST = rb"(?P<y>\d{4})(?P<s>[-/])(?P<m>\d{1,2})(?P=s)(?P<d>\d{1,2})"
 _DAY_FIRST = rb"(?P<d2>\d{1,2})\.(?P<m2>\d{1,2})\.(?P<y2>\d{4})"
 _DATE = rb"(?<![\d.])(?:" + _YEAR_FIRST + rb"|" + _DAY_FIRST + rb")"
-_GAP = rb"[\"']?[ \t]*[,;]?[ \t]*[\"']?"
-_MOMENT = re.compile(_DATE + rb"(?:T|" + _GAP + rb")(?P<h>\d{1,2}):(?P<rest>\d\d:\d\d)")
-_TITLES = re.compile(rb"(?im)(?P<sign>(?:^[#%/ \t]*|[,;\t][ \t]*)[\"']?)date" + _GAP + rb"(?P<time>[a-z_ ]*time)\b")
+_QUOTES = rb"[\"' ]*"
+_TIME = rb"(?P<h>\d{1,2}):(?P<rest>\d\d:\d\d"
+_IN_ONE_CELL = re.compile(_DATE + rb"(?P<gap>T|[ \t]+)" + _TIME + rb")")
+_IN_TWO_CELLS = (
+    re.compile(_DATE + rb"(?P<gap>" + _QUOTES + rb"," + _QUOTES + rb")" + _TIME + rb"(?:\.\d+)?)"),
+    re.compile(_DATE + rb"(?P<gap>" + _QUOTES + rb"[;\t]" + _QUOTES + rb")" + _TIME + rb"(?:[.,]\d+)?)"),
+)
+_TITLES = re.compile(rb"(?im)^(?P<sign>[#% \t]*)date[ \t]+(?P<time>[a-z_]*time)\b")
 
 
 def has_dates(block: bytes) -> bool:
     """Return whether a block of a table contains a date followed by a time of day."""
-    return _MOMENT.search(block) is not None
+    return any(pattern.search(block) for pattern in (_IN_ONE_CELL, *_IN_TWO_CELLS))
 
 
-def with_joined_dates(block: bytes) -> bytes:
-    """Return a block of a table with each date and its time of day in one cell, written as ISO 8601.
+def with_complete_dates(block: bytes) -> bytes:
+    """Return a block of a table with each date and its time of day as one stamp, written as ISO 8601.
 
-    The day of a date with points is before the month, as in German. In dates with slashes, the year must be first,
-    because the order of day and month is otherwise ambiguous. The titles `date` and `time` become one title.
+    If a separator is between them, both cells get the stamp. The day of a date with points is before the month, as in
+    German. In dates with slashes, the year must be first, because the order of day and month is otherwise ambiguous.
     """
-    return _TITLES.sub(rb"\g<sign>\g<time>", _MOMENT.sub(_iso, block))
+    for pattern in _IN_TWO_CELLS:
+        block = pattern.sub(lambda match: _iso(match) + match["gap"] + _iso(match), block)
+    return _TITLES.sub(rb"\g<sign>\g<time>", _IN_ONE_CELL.sub(_iso, block))
 
 
 def _iso(match: re.Match[bytes]) -> bytes:

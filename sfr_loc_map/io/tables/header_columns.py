@@ -103,12 +103,18 @@ def _of_header(titles: Sequence[str], named: Mapping[str, int], below: Sequence[
 def unknown_header(head: TableHead) -> int | None:
     """Return the index of the line before the rows that is probably the header; None without such a line.
 
-    The line is not a comment. Of several lines, the first of those that name the most columns is returned.
+    The line is not a comment. Of several lines, that which names the most columns is returned, then that with the most
+    titles, then the first.
     """
     texts = [
         number for number, line in enumerate(head.before) if line.strip() and not line.strip().startswith(COMMENTS)
     ]
-    return max(texts, key=lambda number: len(named_columns(header_cells(head.before[number], None))), default=None)
+
+    def titles_in(number: int) -> tuple[int, int]:
+        cells = head.cells_of(head.before[number])
+        return len(named_columns(cells)), sum(map(bool, cells))
+
+    return max(texts, key=titles_in, default=None)
 
 
 def without_names(head: TableHead, number: int, problem: str = "") -> InputError:

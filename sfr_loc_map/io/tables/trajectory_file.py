@@ -25,7 +25,7 @@ from sfr_loc_map.inputs import read_table, split_lines
 from sfr_loc_map.io.stamps.stamp_checks import check_unit
 from sfr_loc_map.io.stamps.time_units import UnitOrigin
 from sfr_loc_map.io.tables.column_detection import detect_columns
-from sfr_loc_map.io.tables.date_cells import has_dates, with_joined_dates
+from sfr_loc_map.io.tables.date_cells import has_dates, with_complete_dates
 from sfr_loc_map.io.tables.loaded_trajectory import LoadedTrajectory
 from sfr_loc_map.io.tables.numbered_stamps import PoseStamps, stamps_of_frames, stamps_of_lines
 from sfr_loc_map.io.tables.pose_columns import CSV_HEADER, FRAME, NANOSECONDS, PoseColumns
@@ -60,8 +60,8 @@ def read_trajectory_file(path: Path, columns: str = "", option: str = COLUMNS_OP
     blocks = read_table(path, "give a csv, TUM, KITTI or EuRoC file")
     first_block = next(blocks, b"")
     if has_dates(first_block):
-        first_block = with_joined_dates(first_block)
-        blocks = map(with_joined_dates, blocks)
+        first_block = with_complete_dates(first_block)
+        blocks = map(with_complete_dates, blocks)
     detected = detect_columns(_lines_of(first_block), name, columns, option)
     rows = parse_table(chain((first_block,), blocks), name, detected.row_form, skip=detected.skip, tolerant=True)
     return _loaded(path, rows, detected)
@@ -115,5 +115,9 @@ def is_suite_table(path: Path) -> bool:
 
 
 def _lines_of(block: bytes) -> list[str]:
-    """Return the lines of the first block of a table."""
-    return split_lines(block.removeprefix(BOM).decode("utf-8", "replace"))
+    """Return the lines of the first block of a table; a text that is not UTF-8 is one of Windows."""
+    try:
+        text = block.removeprefix(BOM).decode("utf-8")
+    except UnicodeDecodeError:
+        text = block.decode("cp1252", "replace")
+    return split_lines(text)

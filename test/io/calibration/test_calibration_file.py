@@ -125,13 +125,14 @@ def ros(folder: Path, pair: Pair) -> Path:
 
 
 def camera_info(folder: Path, pair: Pair) -> Path:
-    """Write two messages as `ros2 topic echo` prints them."""
+    """Write two messages of each camera as `ros2 topic echo` prints them."""
     r_and_p = pair.rectified()
     for n, side in enumerate(("left", "right")):
         matrices = {"d": pair.ds[n], "k": KS[n], "r": r_and_p[n], "p": r_and_p[2 + n]}
         content = {"height": SIZE[1], "width": SIZE[0], "distortion_model": pair.model}
         content |= {name: np.ravel(matrix).tolist() for name, matrix in matrices.items()}
-        (folder / f"info_{side}.yaml").write_text(yaml.safe_dump(content) + "---\n")
+        messages = ({"header": {"stamp": {"sec": sec}}, **content} for sec in (5, 6))
+        (folder / f"info_{side}.yaml").write_text("".join(yaml.safe_dump(each) + "---\n" for each in messages))
     return folder / "info_left.yaml"
 
 

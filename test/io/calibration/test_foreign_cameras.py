@@ -172,6 +172,20 @@ def test_a_camera_matrix_of_another_form_is_refused(tmp_path: Path, matrix: str)
         read_calibration(tmp_path / "c.yaml")
 
 
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (f"{OPENCV}xi1: 1.2\nxi2: 1.2\n", "has xi1, which belongs to cv::omnidir"),
+        (f"%YAML:1.0\n{SETTINGS['Stereo.T_c1_c2']}Stereo.b: 0.2\n", "Stereo.b states a baseline of 0.2 m"),
+        ("camera_name: left\nd: [0]\n---\ncamera_name: right\nd: [0]\n---\n", "2 different YAML documents"),
+    ],
+)
+def test_values_that_contradict_what_is_read_are_refused(tmp_path: Path, text: str, words: str) -> None:
+    (tmp_path / "c.yaml").write_text(text)
+    with pytest.raises(InputError, match=words):
+        read_calibration(tmp_path / "c.yaml", (752, 480))
+
+
 @pytest.mark.parametrize("factor", [0.5, 1.5, 2.0])
 def test_a_camera_matrix_of_another_image_size_is_refused(tmp_path: Path, factor: float) -> None:
     fx, cx, cy = 421.0 * factor, 372.0 * factor, 242.0 * factor

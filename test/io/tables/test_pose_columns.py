@@ -251,6 +251,21 @@ def test_positions_at_dates_are_read_by_their_names(tmp_path: Path, header: str)
     assert found.positions.tolist() == poses.positions.tolist()
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "cp1252"])
+def test_the_titles_of_a_spreadsheet_in_german_name_columns(tmp_path: Path, encoding: str) -> None:
+    """The message quotes the line of the titles, not the title of the sheet above, and its names are accepted."""
+    poses = drive()
+    titles = "Punkt;Datum;Zeit;Rechtswert;Hochwert;Höhe"
+    table = rows(moments(poses, "P1;%d.%m.%Y;%H:%M:%S.%f"), poses.positions, separator=";", header=titles)
+    (tmp_path / "t.csv").write_bytes(f"Messung Süd;;;;;\r\n{table}".encode(encoding))
+    with pytest.raises(InputError, match=f"line 2 is '{titles}'"):
+        read_trajectory_file(tmp_path / "t.csv")
+    columns = "t=Zeit[utc],x=Rechtswert,y=Hochwert,z=Höhe"
+    found = read_trajectory_file(tmp_path / "t.csv", columns).trajectory
+    assert found.stamps_ns.tolist() == poses.stamps_ns.tolist()
+    assert found.positions.tolist() == poses.positions.tolist()
+
+
 def test_a_heading_in_place_of_a_height_is_found_also_at_dates(tmp_path: Path) -> None:
     lines = planar_rows(1.0).splitlines()
     dates = (f"2026-05-04T10:22:{0.1 * k:05.2f},{','.join(line.split(',')[1:])}" for k, line in enumerate(lines))

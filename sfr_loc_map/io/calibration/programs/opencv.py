@@ -50,6 +50,11 @@ def read_opencv(opened: OpenedFile) -> CameraPair:
     files = [opened.file, *([opened.other] if opened.other else [])]
     values = _values(files)
     text = "OpenCV " + " and ".join(f"'{file.name}'" for file in files)
+    if omnidirectional := [name for name in ("xi", "xi1", "xi2") if name in values]:
+        raise ValueError(
+            f"it has {omnidirectional[0]}, which belongs to cv::omnidir: omnidirectional cameras are not supported; "
+            "rectify the images, or calibrate with a pinhole or fisheye model"
+        )
     ks = [numbers_of(values, f"M{n}", f"K{n}", f"cameraMatrix{n}") for n in (1, 2)]
     for k in ks:
         check_camera_matrix(k, where)

@@ -50,6 +50,9 @@ def _raw_pair(opened: OpenedFile, first: str, text: str) -> CameraPair:
         raise ValueError(f"Stereo.T_c1_c2 has {counted(len(numbers), 'number')}: 12 or 16 are required")
     T_left_right = np.eye(4)
     T_left_right[:3] = np.array(numbers[:12]).reshape(3, 4)
+    if "stereo.b" in content:
+        baseline_m = float(np.linalg.norm(T_left_right[:3, 3]))
+        check_one_baseline({"Stereo.b": number_of(content, "Stereo.b"), "Stereo.T_c1_c2": baseline_m})
     is_fisheye = _is_kannala_brandt(content)
     cameras = []
     for name, pose in ((first, np.eye(4)), ("Camera2", T_left_right)):
