@@ -538,7 +538,7 @@ def test_two_files_are_found_by_names_in_any_case(
 def test_files_named_left_and_right_are_not_exchanged(write: Callable[[Path, Pair], Path], tmp_path: Path) -> None:
     path = write(tmp_path, Pair())
     right = next(file for file in tmp_path.rglob("*.yaml") if "right" in str(file.relative_to(tmp_path)))
-    content = yaml.safe_load(right.read_text().removesuffix("---\n"))
+    content = yaml.safe_load(right.read_text().partition("---\n")[0])
     p = content["projection_matrix"]["data"] if "projection_matrix" in content else content["p"]
     p[3] = -p[3]
     right.write_text(yaml.safe_dump(content))
