@@ -7,7 +7,6 @@ from itertools import combinations, islice
 
 from msgspec.structs import replace
 
-from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence.agreement import Agreement, agreement_rows, compare, disagreement_of, shortage_of
 from sfr_loc_map.evidence.calibration import CameraOffset, corrected_drive, cost_row, offset_rows, right_camera_offsets
 from sfr_loc_map.evidence.check_result import DRIVE, Check, CheckResult
@@ -43,14 +42,17 @@ def check_drive(
 ) -> Check:
     """Run each variant of the localiser over the first pairs of a drive; compare the runs and other estimates.
 
-    The forward run is done first, so that an estimate of another drive or clock is refused before the other runs.
+    A drive of fewer than `MIN_PAIRS` pairs has not enough data, and is not run. The forward run is done first, so that
+    an estimate of another drive or clock is refused before the other runs.
     `check_result` states which figures decide the result. `progress` is called after each call of the localiser in the
     variants (`calls_of` gives the number of these calls), but not in direct runs and in the run with the corrected
     calibration.
     """
     drive = PairsInMemory(sequence.rig, list(islice(sequence.pairs(), most_pairs)))
+    pairs, pairs_of_source = {DRIVE: len(drive)}, {DRIVE: len(sequence)}
     if len(drive) < MIN_PAIRS:
-        raise InputError(too_few_pairs(len(drive)))
+        shortage = f"the drive has {counted(len(drive), 'pair')}: at least {MIN_PAIRS} are required for a check"
+        return Check(pairs=pairs, pairs_of_source=pairs_of_source, figures=(), not_checked=(shortage,))
     forward = run_variant(drive, config, RunVariant.FORWARD, progress)
     others = [at_pairs_of(forward, other) for other in others]
     for first, other in combinations((forward, *others), 2):
@@ -74,8 +76,8 @@ def check_drive(
         *_cost_rows(drive, forward, wrong_offsets, conditions, config),
     )
     check = Check(
-        pairs={DRIVE: len(drive)},
-        pairs_of_source={DRIVE: len(sequence)},
+        pairs=pairs,
+        pairs_of_source=pairs_of_source,
         figures=figures,
         advice={offset.angle: offset.advice for offset in offsets},
         calibration=tuple(offset.text for offset in wrong_offsets),
@@ -86,18 +88,6 @@ def check_drive(
     if result is CheckResult.NOT_ENOUGH_DATA:
         return replace(check, not_checked=(shortage_of(agreements),))
     return check
-
-
-def too_few_pairs(count: int) -> str:
-    """Return why a drive has too few pairs."""
-    return f"the drive has {counted(count, 'pair')}: at least {MIN_PAIRS} are required for a check"
-
-
-def short_drive(pairs: int, pairs_of_source: int) -> Check:
-    """Return the check of a drive that has fewer than `MIN_PAIRS` pairs: there is not enough data."""
-    return Check(
-        pairs={DRIVE: pairs}, pairs_of_source={DRIVE: pairs_of_source}, figures=(), not_checked=(too_few_pairs(pairs),)
-    )
 
 
 def _agreements_of(runs: Mapping[RunVariant, ComparedRun], conditions: Sequence[Condition]) -> Iterator[Agreement]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sfr_loc_map.configuration.sections import Configuration
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.evidence.check import MIN_PAIRS, check_drive, short_drive
+from sfr_loc_map.evidence.check import check_drive
 from sfr_loc_map.evidence.check_result import Check, joined
 from sfr_loc_map.evidence.localiser_runs import NAMES_OF_OWN_RUNS, ComparedRun, calls_of
 from sfr_loc_map.evidence.overlap import check_maps
@@ -29,18 +29,12 @@ def check_recording(
 ) -> Check:
     """Check the drive of a source, if it has one, and its maps, if it has several mapping pairs.
 
-    A drive of fewer than `MIN_PAIRS` pairs has not enough data, and its maps are checked.
     `progress` is called after each of the `calls_of_check` calls of the localiser.
     """
     checks = []
     if has_drive_to_check(source):
-        sequence = drive_of(source)
-        count = min(len(sequence), most_pairs)
         localiser = config.build(LocalisationConfig, "localisation")
-        if count < MIN_PAIRS:
-            checks.append(short_drive(count, len(sequence)))
-        else:
-            checks.append(check_drive(sequence, localiser, conditions, most_pairs, others, progress))
+        checks.append(check_drive(drive_of(source), localiser, conditions, most_pairs, others, progress))
     if source.nav is not None and has_maps(source):
         checks.append(check_maps(source.nav, config.build(MappingConfig, "mapping")))
     return joined(checks)

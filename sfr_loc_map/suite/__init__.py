@@ -27,7 +27,7 @@ Terms, each with one meaning in this package:
     result      the score of a job, in one file
     group       the results with the same task, configuration and faults or variant; their errors are pooled
     plan        the list of jobs. (The command `sfr suite plan` computes a number of drives.)
-    night       one run in a history
+    night       one run of the suite in a history, in a folder of its own
     run         one execution of `sfr suite run` or `sfr suite search`, which may continue an earlier one
     point       one choice of the parameters of a search, with a job for each seed
 

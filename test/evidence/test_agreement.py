@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation, Slerp
 from sfr_loc_map.errors import InputError, MetricsError
 from sfr_loc_map.evidence.agreement import Agreement, compare, disagreement_of, shortage_of
 from sfr_loc_map.evidence.calibration import Advice, CameraOffset, offset_rows, right_camera_offsets
-from sfr_loc_map.evidence.check import short_drive
 from sfr_loc_map.evidence.check_result import (
     DRIVE,
     MAPS,
@@ -33,7 +32,6 @@ from sfr_loc_map.metrics.conditions import Condition
 from sfr_loc_map.metrics.figures.rows import figure_row
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.covariance import STEP_SIZE, UPPER
-from sfr_loc_map.metrics.stored.score_json import hash_of_values
 
 STAMPS = 1_000_000_000 + np.arange(400) * 100_000_000
 SIGMA_M, SIGMA_RAD = 1e-3, 2e-4
@@ -361,11 +359,3 @@ def test_the_finding_is_named_beside_a_comparison_with_an_undefined_probability(
     found = compare(run_of("a", turns, moves, 0), run_of("b", turns, moves, 1), CONDITION)
     undefined = replace(found, runs=("c", "d"), squares=np.full(3, np.nan))
     assert "'a' and 'b'" in disagreement_of([undefined, replace(found, squares=np.full(3, 30.0))])
-
-
-def test_maps_are_checked_beside_a_drive_that_is_too_short() -> None:
-    recording = joined([short_drive(10, 10)])
-    assert recording.result is CheckResult.NOT_ENOUGH_DATA
-    assert "10 pairs" in recording.not_checked[0]
-    content = recording.to_dict()
-    assert content["content_sha256"] == hash_of_values(content)

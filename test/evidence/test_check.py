@@ -95,11 +95,6 @@ def test_a_yaw_is_taken_back_in_the_images() -> None:
     assert after < 0.2 * before
 
 
-def test_a_short_drive_is_refused() -> None:
-    with pytest.raises(InputError, match="at least 20"):
-        check_drive(PairsInMemory(LOC_RIG, drive(10)), LocalisationConfig(), [Condition.parse("frames=5")], 40)
-
-
 def test_an_estimate_of_another_clock_is_refused_after_the_first_run() -> None:
     sequence, calls = PairsInMemory(LOC_RIG, drive(20)), []
     poses = Trajectory(np.array([1, 2]), np.zeros((2, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (2, 1)))
