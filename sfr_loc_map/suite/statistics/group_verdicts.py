@@ -6,7 +6,7 @@ probability and a confidence is judged by a proof over all drives.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 from msgspec.structs import asdict, replace
 
@@ -29,7 +29,6 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.statistics.tolerance import Sample
 from sfr_loc_map.suite.statistics.scored_job import ScoredJob
-from sfr_loc_map.suite_names import Task
 
 WORST_DRIVE = "worst drive"
 ALL_DRIVES = "all drives"
@@ -46,27 +45,22 @@ def verdicts_over(
     limits: Limits | None,
     results: Sequence[ScoredJob],
     pooled: tuple[Figure, ...],
-    suite_tasks: Collection[Task] = (),
     next_drive: str | None = None,
     suite_items: int = 0,
 ) -> Iterator[GroupVerdict]:
     """Yield the verdicts over drives with equal settings: first those without a limit, then one for each limit.
 
-    `suite_tasks` are the tasks of all results of the suite. A limit on a task of other groups is omitted. A limit on
-    a task that the suite lacks has the verdict "not enough data" in each group. `next_drive` is the key of
-    the first drive without a result, in the order of the keys. `suite_items` is the number of items under test of the
-    suite if the suite does not declare all of them; otherwise 0.
+    `next_drive` is the key of the first drive without a result, in the order of the keys. `suite_items` is the number
+    of items under test of the suite if the suite does not declare all of them; otherwise 0.
     """
-    scores = [result.score for result in results]
     yield from _verdicts_without_limit(results, suite_items)
-    group_tasks = {task for score in scores for task in tasks_of(score)}
-    for limit in () if limits is None else limits.limits:
-        if task_of(limit) not in group_tasks and task_of(limit) in suite_tasks:
-            continue
+    if limits is None:
+        return
+    for limit in limits.limits:
         if limit.terms is not None:
             yield proof_over_drives(limit, limit.terms, results, next_drive)
         else:
-            yield verdict_over_drives(limit, limits or Limits(), results, pooled)
+            yield verdict_over_drives(limit, limits, results, pooled)
 
 
 def _verdicts_without_limit(results: Sequence[ScoredJob], suite_items: int) -> Iterator[GroupVerdict]:

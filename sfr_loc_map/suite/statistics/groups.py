@@ -11,13 +11,14 @@ from msgspec import Struct, field
 
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.figures.rows import Figure
-from sfr_loc_map.metrics.judging.limited import tasks_of
+from sfr_loc_map.metrics.judging.limited import limits_about, tasks_of
 from sfr_loc_map.metrics.judging.proof import SEQUENTIAL
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.suite.jobs.job import GroupKey, Job, JobTask
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict, verdicts_over
 from sfr_loc_map.suite.statistics.pooling import pool
 from sfr_loc_map.suite.statistics.scored_job import ScoredJob, undeclared_items_in
+from sfr_loc_map.suite_names import Task
 
 
 class Group(Struct, frozen=True, kw_only=True):
@@ -42,7 +43,8 @@ def groups_of(results: Sequence[ScoredJob], limits: Limits | None, unfinished: S
     """Yield the groups of results in the order of their first occurrence.
 
     Within a group, results are sorted by the hashes of their drives and jobs, so that figures and verdicts do not
-    depend on the order of the suite's file. `unfinished` are the jobs without a result.
+    depend on the order of the suite's file. `unfinished` are the jobs without a result. A limit applies to the groups
+    that have its task, or to all groups if no group has its task.
     """
     suite_tasks = {task for result in results for task in tasks_of(result.score)}
     several = len(undeclared_items_in(results))
@@ -52,6 +54,8 @@ def groups_of(results: Sequence[ScoredJob], limits: Limits | None, unfinished: S
         scores = [result.score for result in in_group]
         trajectories = [score.association for score in scores if score.association is not None]
         conditions = list(dict.fromkeys(condition for score in scores for condition in score.conditions))
+        tasks_elsewhere = suite_tasks.difference(*map(tasks_of, scores))
+        group_limits = limits_about(limits, set(Task) - tasks_elsewhere)
         suite_items = several if key.task == JobTask.SCORE else 0
         pooled = tuple(row for condition in conditions for row in pool(in_group, condition))
         yield Group(
@@ -62,7 +66,7 @@ def groups_of(results: Sequence[ScoredJob], limits: Limits | None, unfinished: S
             lost=sum(item.lost or 0 for item in trajectories),
             matched=sum(item.matched for item in trajectories),
             figures=pooled,
-            verdicts=tuple(verdicts_over(limits, in_group, pooled, suite_tasks, next_drive, suite_items)),
+            verdicts=tuple(verdicts_over(group_limits, in_group, pooled, next_drive, suite_items)),
         )
 
 
