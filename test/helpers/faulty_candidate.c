@@ -1,4 +1,4 @@
-/* A candidate that stands still, and does at each pair what the word of its number in its configuration says. */
+/* A candidate that stands still, and does at each call what the word of its number in its configuration says. */
 #include "sfr_candidate.h"
 
 #include <math.h>
@@ -102,7 +102,7 @@ int32_t sfr_candidate_map_pairs(sfr_candidate *self, const sfr_pair *pairs, size
                                 sfr_map_point *points, size_t capacity, size_t *count, int32_t *fused)
 #endif
 {
-    const char *kind = self->kinds[0];
+    const char *kind = self->calls < 16 ? self->kinds[self->calls++] : "";
     (void)T_lm_navsb;
 #ifdef PAIR_BY_PAIR
     (void)pair;

@@ -121,36 +121,45 @@ def test_what_cannot_be_started_is_named(faulty: Path, build: Build, tmp_path: P
 
 PAIR_BY_PAIR = ("-DPAIR_BY_PAIR",)
 FIRST_ABI = (*PAIR_BY_PAIR, "-DSTATED_ABI=1")
+PIXEL = "invalid result: the pixel of a point is outside of the image of 160 x 120 pixels"
+NOT_FINITE = "not finite: a point or its sigma is not finite"
+NEGATIVE = "invalid result: the sigma of a point is negative: -0.1 m"
+OF_PAIRS = {
+    "many": "invalid result: the library returned 19201 points: at most 19200 are allowed",
+    "pixel": PIXEL,
+    "nan": NOT_FINITE,
+    "negative": NEGATIVE,
+}
+OF_SETS = {
+    "many": "invalid result: the library returned 38401 points: at most 38400 are allowed",
+    "pixel": PIXEL,
+    "pair": "invalid result: a point has the pair number 2: 0 to 1 is required",
+    "fused": "invalid result: fused is 5: 0 or 1 is required",
+    "nan": NOT_FINITE,
+    "negative": NEGATIVE,
+    "fail": "invalid result: sfr_candidate_map_pairs returned 7: 0 is required",
+    "beyond": "invalid result: the library wrote beyond the end of the buffer of 38400 points",
+}
+"""Findings by what the library returns at a call."""
 
 
-@pytest.mark.parametrize(
-    ("options", "config", "finding"),
-    [
-        ((), "", ""),
-        (PAIR_BY_PAIR, "", ""),
-        (FIRST_ABI, "", ""),
-        ((), "many", "invalid result: the library returned 19201 points: at most 19200 are allowed"),
-        (FIRST_ABI, "many", "invalid result: the library returned 19201 points: at most 19200 are allowed"),
-        (PAIR_BY_PAIR, "pixel", "invalid result: the pixel of a point is outside of the image of 160 x 120 pixels"),
-        (PAIR_BY_PAIR, "nan", "not finite: a point or its sigma is not finite"),
-        (PAIR_BY_PAIR, "negative", "invalid result: the sigma of a point is negative: -0.1 m"),
-    ],
-)
-def test_points_are_checked(build: Build, options: tuple[str, ...], config: str, finding: str) -> None:
-    library = mapper_library(build, *options)
-    with IsolatedMapper(
-        find_method(f"lib:{library}", Task.MAPPING, config), NAV_RIG, limits=LIMITS, hidden=()
-    ) as mapper:
+@pytest.mark.parametrize("options", [(), PAIR_BY_PAIR, FIRST_ABI])
+def test_points_of_pairs_are_checked(build: Build, options: tuple[str, ...]) -> None:
+    method = find_method(f"lib:{mapper_library(build, *options)}", Task.MAPPING, f"ok ok {' '.join(OF_PAIRS)} ok")
+    items = [nav_pair(0), nav_pair(1)]
+    with IsolatedMapper(method, NAV_RIG, limits=LIMITS, hidden=()) as mapper:
         of_pairs = mapper.begin_map()
-        for item in (nav_pair(0), nav_pair(1)):
-            made, call = of_pairs.map_pair(item.pair, item.T_lm_navsb)
+        made, calls = zip(*(of_pairs.map_pair(item.pair, item.T_lm_navsb) for item in items), strict=True)
         fused, fusion = of_pairs.fuse()
-    assert call.finding == finding
-    assert (len(made.cloud), len(fused.cloud)) == ((0, 0) if finding else (1, 2))
+        found = [mapper.begin_map().map_pair(items[0].pair, items[0].T_lm_navsb) for _ in (*OF_PAIRS, "ok")]
+    assert [call.finding for call in calls] == ["", ""]
+    of_last = (1, 2, 3, 0.1, items[1].pair.left[5, 4], 4, 5, 1)
+    np.testing.assert_allclose(made[1].cloud.to_structured().tolist(), [of_last])
+    assert len(fused.cloud) == 2
+    assert fused.cloud.fused is False
     assert fusion is None
-    if not finding:
-        np.testing.assert_allclose(made.cloud.to_structured().tolist(), [(1, 2, 3, 0.1, item.pair.left[5, 4], 4, 5, 1)])
-        assert fused.cloud.fused is False
+    assert [call.finding for _, call in found] == [*OF_PAIRS.values(), ""]
+    assert [len(of_pair.cloud) for of_pair, _ in found] == [0] * len(OF_PAIRS) + [1]
 
 
 def mapper_library(build: Build, *options: str) -> Path:
@@ -158,22 +167,19 @@ def mapper_library(build: Build, *options: str) -> Path:
     return build(source, name=name, options=("-fPIC", "-shared", *options))
 
 
+def test_points_of_sets_are_checked(faulty: Path) -> None:
+    items = [nav_pair(0), nav_pair(1)]
+    method = find_method(f"lib:{faulty}", Task.MAPPING, f"ok {' '.join(OF_SETS)}")
+    with IsolatedMapper(method, NAV_RIG, limits=LIMITS, hidden=()) as mapper:
+        found = [mapper.map_set(items) for _ in ("ok", *OF_SETS)]
+    assert [call.finding for _, _, call in found] == ["", *OF_SETS.values()]
+    assert [len(fused.cloud) for _, fused, _ in found] == [2] + [0] * len(OF_SETS)
+
+
 @pytest.mark.parametrize(
-    ("config", "finding"),
-    [
-        ("", ""),
-        ("many", "invalid result: the library returned 38401 points: at most 38400 are allowed"),
-        ("beyond", "invalid result: the library wrote beyond the end of the buffer of 38400 points"),
-        ("pixel", "invalid result: the pixel of a point is outside of the image of 160 x 120 pixels"),
-        ("pair", "invalid result: a point has the pair number 2: 0 to 1 is required"),
-        ("fused", "invalid result: fused is 5: 0 or 1 is required"),
-        ("nan", "not finite: a point or its sigma is not finite"),
-        ("negative", "invalid result: the sigma of a point is negative: -0.1 m"),
-        ("fail", "invalid result: sfr_candidate_map_pairs returned 7"),
-        ("crash", "crashed: was killed by SIGABRT"),
-    ],
+    ("config", "finding"), [("", ""), ("many", OF_SETS["many"]), ("crash", "crashed: was killed by SIGABRT")]
 )
-def test_a_set_is_one_call_and_its_points_are_checked(faulty: Path, drive: Path, config: str, finding: str) -> None:
+def test_a_set_is_one_call_and_a_finding_leaves_no_points(faulty: Path, drive: Path, config: str, finding: str) -> None:
     method, nav = find_method(f"lib:{faulty}", Task.MAPPING, config), open_source(drive).nav
     assert nav is not None
     run = run_mapper(nav, UnderTest(method, LIMITS, hidden=()))
