@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -32,24 +31,13 @@ class Slow:
 
 @pytest.mark.parametrize(
     ("command", "output", "options"),
-    [
-        ("localise", "e.csv", ("--start", "truth", "--method", "opencv")),
-        ("map", "c.ply", ("--method", "sgbm")),
-        pytest.param("replay", None, ("--external", "localisation"), marks=[pytest.mark.ros, pytest.mark.slow]),
-    ],
-    ids=["localise", "map", "replay"],
+    [("localise", "e.csv", ("--start", "truth", "--method", "opencv")), ("map", "c.ply", ("--method", "sgbm"))],
+    ids=["localise", "map"],
 )
-def test_a_slowed_clock_measures_nothing(
-    command: str, output: str | None, options: tuple[str, ...], tmp_path: Path, own_domain: None
-) -> None:
+def test_a_slowed_clock_measures_nothing(command: str, output: str, options: tuple[str, ...], tmp_path: Path) -> None:
     library = compile_c(HELPERS / "slow_clock.c", output=tmp_path / "libslow_clock.so")
-    source, stats = write_folder(tmp_path / "source", 8, 0 if command == "replay" else 2), tmp_path / "stats.csv"
-    if output is None:
-        pytest.importorskip("rclpy")
-        node = f"{sys.executable} {HELPERS / 'misbehaving_node.py'} stands"
-        words = ["--command", node, "--out", tmp_path / "out", "--rate", "5"]
-    else:
-        words = ["-o", tmp_path / output, "--stats", stats]
+    source, stats = write_folder(tmp_path / "source", 8, 2), tmp_path / "stats.csv"
+    words = ["-o", tmp_path / output, "--stats", stats]
     slowed = os.environ | {"LD_PRELOAD": str(library), "SFR_HINTS": "0"}
     command_line = [*SFR, command, *map(str, [source, *options, *words])]
     ran = subprocess.run(command_line, capture_output=True, text=True, check=False, env=slowed, timeout=100)
