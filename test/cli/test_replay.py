@@ -3,7 +3,6 @@
 # ruff: noqa: E402 - ROS may be absent
 import json
 import os
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +14,6 @@ pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
 
 from helpers.cli_result import Sfr
 from helpers.made_scene import fill, loc_pair, write_folder
-from helpers.processes import Process, abandoned, has_started_ros, nodes_of, segments_of, wait_until
 from helpers.score_rows import number, rows_about
 from sfr_loc_map.io.bag.writer import BagWriter
 
@@ -64,26 +62,6 @@ def test_a_folder_with_both_tasks_gives_to_the_last_bit_what_offline_runs_give(s
     of_cloud = json.loads((tmp_path / "c.json").read_text())
     assert rows_about(of_cloud, "map") == rows_about(score, "map")
     assert score["cloud"]["kind"] == "fused"
-
-
-@pytest.mark.slow
-def test_a_node_that_dies_is_named_and_nothing_is_left(tmp_path: Path) -> None:
-    victim = "monitor_node"
-    source, out = write_folder(tmp_path / "source", 200, 0), tmp_path / "out"
-    with Process(tmp_path / "log", *COMMAND, "replay", str(source), "--out", str(out), "--rate", "1") as replay:
-        pids = wait_until(lambda: len(nodes_of(replay.popen.pid)) == 3 and nodes_of(replay.popen.pid), "three nodes")
-        name = f"nodes.{victim}".encode()
-        (pid,) = wait_until(lambda: [p for p in pids if name in Path(f"/proc/{p}/cmdline").read_bytes()], "its program")
-        wait_until(lambda: all(map(has_started_ros, pids)), "the start of the nodes")
-        shared = segments_of([*pids, replay.popen.pid])
-        os.kill(pid, signal.SIGTERM)
-        assert replay.popen.wait(60) == 2
-        assert f"sfr: {victim} ended with exit code 0" in replay.text
-        assert "Traceback" not in replay.text
-    wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in pids), "the end of all nodes")
-    assert not out.exists()
-    assert shared
-    assert not abandoned(shared)
 
 
 @pytest.mark.slow

@@ -34,6 +34,14 @@ def test_a_node_that_is_ended_while_python_starts_says_nothing(tmp_path: Path) -
     assert node.text == ""
 
 
+def test_a_node_that_ends_without_an_error_is_named_as_well(tmp_path: Path) -> None:
+    with Supervisor(tmp_path) as supervisor:
+        supervisor.start("monitor_node")
+        supervisor.processes["monitor_node"].send(signal.SIGTERM)
+        with pytest.raises(NodeError, match="monitor_node ended with exit code 0"):
+            wait_until(lambda: supervisor.check(), "the end of the node")
+
+
 def test_a_node_that_cannot_start_is_named_with_its_last_log_line(tmp_path: Path) -> None:
     with Supervisor(tmp_path) as supervisor:
         supervisor.start("monitor_node", ["--ros-args", "-p", "limits_file:=/nowhere.yaml"])
