@@ -63,6 +63,17 @@ class Mapper:
     def fuse(self, results):
         raise AssertionError("a benchmark maps each pair separately")
 """
+ABORTING = """
+import os
+class Aborting:
+    calls = 0
+    def __init__(self, rig, config):
+        pass
+    def process(self, pair):
+        self.calls += 1
+        if self.calls == 8:
+            os.abort()
+"""
 
 
 @pytest.fixture(scope="module")
@@ -105,10 +116,15 @@ def test_an_accuracy_is_also_computed_from_true_positions(drive: Path, tmp_path:
 def test_localise_shows_ours_and_opencv_with_the_accuracy_of_the_score(drive: Path, tmp_path: Path, sfr: Sfr) -> None:
     out, estimate, scored = (tmp_path / name for name in ("bench.json", "estimate.csv", "score.json"))
     options = ("--condition", "frames=3", "--spacing", 2)
-    printed = sfr("bench", "localise", drive, "--repeat", 2, *options, "--json", out).out
+    (tmp_path / "aborting.py").write_text(ABORTING)
+    crashing = f"{tmp_path / 'aborting.py'}:Aborting"
+    ran = sfr("bench", "localise", drive, "--repeat", 2, *options, "--method", crashing, "--json", out)
+    assert ran.code == 1, "a method has failed"
+    printed = ran.out
     assert "skipped: orbslam3: no interpreter was given" in printed
     assert "host times" in printed
     result = json.loads(out.read_text())
+    assert list(result["failed"]) == [crashing]
     for name, metres in (("ours", 0.01), ("opencv", 0.1)):
         entry = result["entries"][name]
         assert (entry["calls"], entry["lost"], len(entry["runs"])) == (12, 0, 2)

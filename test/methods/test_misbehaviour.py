@@ -61,9 +61,9 @@ def test_shared_memory_of_other_methods_is_shut_off(drive: Path, tmp_path: Path,
         assert {float(row["opened"]) for row in csv.DictReader(stream)} == {0.0}
 
 
-def test_a_crashing_class_fails_a_suite_and_a_benchmark(tmp_path: Path, sfr: Sfr, scheduler: str) -> None:
+def test_a_crashing_class_fails_a_suite(tmp_path: Path, sfr: Sfr, scheduler: str) -> None:
     """Its limits are met; ours beside it passes."""
-    source = write_folder(tmp_path / "source", 20, 0)
+    source = write_folder(tmp_path / "source", 12, 0)
     (tmp_path / "candidate.py").write_text(ABORTING)
     method = f"{tmp_path / 'candidate.py'}:Aborting"
     suite = {
@@ -84,6 +84,3 @@ def test_a_crashing_class_fails_a_suite_and_a_benchmark(tmp_path: Path, sfr: Sfr
         for group in summary["groups"]
     }
     assert (ran.code, summary["verdict"], found) == (1, "fail", {"ours": [], "crashing": ["crashed_calls"]})
-    ran = sfr("bench", "localise", source, "--repeat", 1, "--condition", "frames=3", "--method", method, "--json", "-")
-    assert ran.code == 1
-    assert list(json.loads(ran.out)["failed"]) == [method]
