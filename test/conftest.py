@@ -63,6 +63,7 @@ assert all((TESTS / name).exists() for name in (*ROS_TESTS, *WITHOUT_ROS))
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
+@functools.cache
 def is_ros_test(path: Path) -> bool:
     """Return whether a file of tests is in `ROS_TESTS`."""
     return any(path.is_relative_to(TESTS / name) for name in ROS_TESTS)

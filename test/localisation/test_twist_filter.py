@@ -14,7 +14,7 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.message_stamps import NS_PER_S
 
-PAIRS = 60
+PAIRS = 40
 GYRO_RAD_S, BIAS_RAD_S = 2e-4, 1e-3  #: Noise of a gyro in each interval, and its constant error.
 SLIP, WHEEL_M_S = 0.03, 0.01  #: The wheels turn faster than the rover drives, with noise.
 
