@@ -25,7 +25,7 @@ from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.stored.score_json import from_json
 from sfr_loc_map.report.summary import run_facts
 
-NAMES = {"ns": "{ns}", "us": "{us}", "s": "{s}.{fraction:09d}"}
+NAMES = {"ns": "{ns}", "us": "{us}", "s": "{s}.{fraction:09d}", "words": "rig_{ns}_raw", "numbers": "frame{number:04d}"}
 
 
 def images(folder: Path, unit: str, sides: tuple[str, str] = ("left", "right")) -> list[int]:
@@ -33,10 +33,18 @@ def images(folder: Path, unit: str, sides: tuple[str, str] = ("left", "right")) 
     width, height = LENSES["TUM-VI"][2]
     for side in sides:
         (folder / side).mkdir(parents=True)
-        for stamp in stamps:
-            parts = {"ns": stamp, "us": stamp // 1000, "s": stamp // NS_PER_S, "fraction": stamp % NS_PER_S}
+        for number, stamp in enumerate(stamps, 1):
+            parts = {
+                "number": number,
+                "ns": stamp,
+                "us": stamp // 1000,
+                "s": stamp // NS_PER_S,
+                "fraction": stamp % NS_PER_S,
+            }
             data = encode_png(np.full((height, width), 100, np.uint8))
             (folder / side / f"{NAMES[unit].format(**parts)}.png").write_bytes(data)
+    if unit == "numbers":
+        (folder / "times.txt").write_text("".join(f"{stamp / NS_PER_S:.9f}\n" for stamp in stamps))
     return stamps
 
 
@@ -110,6 +118,17 @@ def test_the_advice_of_init_on_columns_of_the_truth_can_be_followed(tmp_path: Pa
     np.testing.assert_allclose(truth.ground_truth.positions, poses.positions, atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("times", "words"), [("0.0\n0.1\n", "2 times for 6 images"), ("5\n4\n3\n2\n1\n0\n", "increasing")]
+)
+def test_times_that_do_not_fit_the_numbered_images_are_refused(tmp_path: Path, times: str, words: str) -> None:
+    images(tmp_path / "drive", "numbers")
+    (tmp_path / "drive" / "times.txt").write_text(times)
+    (tmp_path / "c.yaml").write_text(kalibr("TUM-VI", *CHAINS["T_cn_cnm1"]))
+    with pytest.raises(InputError, match=words):
+        open_source(tmp_path / "drive", SourceConfig(calibration=CalibrationConfig(file=str(tmp_path / "c.yaml"))))
+
+
 def test_images_that_are_not_named_by_a_time_are_refused(tmp_path: Path, sfr: Sfr) -> None:
     for side in ("left", "right"):
         (tmp_path / "drive" / side).mkdir(parents=True)
@@ -127,6 +146,8 @@ def test_images_that_are_not_named_by_a_time_are_refused(tmp_path: Path, sfr: Sf
         (["4611686018427387904"], "is not a number of nanoseconds since 1970"),
         (["\u0661\u0662"], "stamps in one unit"),
         (["1700000000000000000", "01700000000000000000"], "have the same stamp"),
+        (["left_1700000000000000000", "right_1700000000100000000"], "stamps in one unit"),
+        (["0000", "0001"], r"or write the time of each, s, to '.*times\.txt'"),
         (
             ["1700000000000000000", "1700000000100000000", "1700000000"],
             "names in one unit and of one clock are required",
