@@ -39,6 +39,7 @@ from sfr_loc_map.metrics.trajectory.aligned_error import aligned_errors
 from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 from sfr_loc_map.scoring.conversion import ConventionFinding
 from sfr_loc_map.scoring.inputs import DriveToScore, Run, TargetCalls
+from sfr_loc_map.scoring.placeholders import placeholder_warnings
 from sfr_loc_map.suite_names import Task
 
 FEW_TRUE_POSES = 1.0 / SPARSER  #: A truth is reported as sparse up to this ratio of true poses to images.
@@ -86,6 +87,7 @@ def trajectory_result(
     warnings = [] if finding is None else [finding.text]
     warnings += _sparse_truth(drive, scored.association)
     warnings += _stationary_truth(drive)
+    warnings += placeholder_warnings(drive.estimates.trajectory, drive.truth)
     warnings += truth_caveats(scored.truth)
     caveats = (*drive.caveats, *_uneven_estimates(drive, scored.association))
     contradiction = finding.text if finding is not None and finding.prevents_verdict else None

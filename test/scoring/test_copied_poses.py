@@ -53,6 +53,30 @@ def test_a_copy_of_the_truth_is_found_if_it_is_changed_rounded_resampled_or_move
     assert sfr("score", *paths, "--limits", labelled).code == 0, "a simulated estimate without an error says so"
 
 
+HELD = {"no pose": slice(0, 0), "a third": slice(100, 200), "each pose twice": slice(None)}
+
+
+@pytest.mark.parametrize("case", HELD)
+def test_true_poses_that_are_repeated_while_the_estimate_moves_are_reported(
+    tmp_path: Path, sfr: Sfr, case: str
+) -> None:
+    paths, truth = (tmp_path / "e.csv", tmp_path / "t.csv"), wandering(0.0)
+    rows = np.arange(COUNT)
+    rows[HELD[case]] = 100 if case == "a third" else rows[HELD[case]] // 2 * 2
+    save_trajectory(paths[0], wandering(1e-4))
+    save_trajectory(paths[1], Trajectory(truth.stamps_ns, truth.positions[rows], truth.quats_xyzw[rows]))
+    done = sfr("score", *paths)
+    assert ("the truth repeats a pose exactly" in done.err) == (case != "no pose")
+
+
+def test_a_constant_attitude_of_the_estimate_is_reported(tmp_path: Path, sfr: Sfr) -> None:
+    paths, truth = (tmp_path / "e.csv", tmp_path / "t.csv"), wandering(0.0)
+    for quats in (truth.quats_xyzw, np.tile([0.0, 0.0, 0.0, 1.0], (COUNT, 1))):
+        save_trajectory(paths[0], Trajectory(truth.stamps_ns, truth.positions, quats))
+        save_trajectory(paths[1], truth)
+        assert ("its attitudes are placeholders" in sfr("score", *paths).err) == (not quats[:, :3].any())
+
+
 def test_a_stationary_drive_has_no_motion_that_a_limit_on_copies_could_require(tmp_path: Path, sfr: Sfr) -> None:
     paths = tmp_path / "e.csv", tmp_path / "t.csv"
     drive, noise = wandering(0.0), np.random.default_rng(1).normal(0.0, 1e-4, (COUNT, 3))

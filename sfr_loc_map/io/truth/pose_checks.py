@@ -30,6 +30,7 @@ MAX_SPEED_M_PER_S = 100.0  #: Largest speed of a vehicle with cameras; cars, tra
 MIN_JUMP_M = 1.0  #: Smallest jump, m. Smaller jumps may be position noise at two nearly equal stamps.
 JUMPS_PER_STEP = 20.0  #: Smallest ratio of a jump to the median step of the path: rovers pause and accelerate.
 SHORTEST_STEP_S = 1e-3  #: Smallest time between two poses for the speed of a step, s.
+STEPS_FROM_ZERO = 5.0  #: Smallest ratio of the distance of a path from 0, 0, 0, where it never is, to its median step.
 MIN_POSITIONS = 4  #: Smallest number of positions for the detection of jumps.
 SAME_ATTITUDE = 1e-6  #: Largest quaternion component x or y if roll and pitch are zero; files round to 1e-6.
 HELD_ATTITUDE = 5e-4  #: Largest change of a component of a constant quaternion: 0.06 deg, less than any vehicle.
@@ -72,6 +73,18 @@ def jumping_positions(stamps_ns: IntArray, positions: FloatArray) -> Mask:
                 reachable[row] = True
                 last = row
     return ~reachable
+
+
+def zero_positions(positions: FloatArray) -> Mask:
+    """Return which positions `(N, 3)` are 0, 0, 0 as placeholders, `(N,)`: all other positions are away from there."""
+    is_zero = np.asarray((positions == 0.0).all(axis=1))
+    others = positions[~is_zero]
+    none = np.zeros(len(positions), np.bool_)
+    if not is_zero.any() or is_zero.mean() > MOST or len(others) < MIN_POSITIONS:
+        return none
+    step_m = float(np.median(np.linalg.norm(np.diff(others, axis=0), axis=1)))
+    is_away = float(np.linalg.norm(others, axis=1).min()) > max(MIN_JUMP_M, STEPS_FROM_ZERO * step_m)
+    return is_zero if is_away else none
 
 
 def largest_jump(stamps_ns: IntArray, positions: FloatArray) -> str:
@@ -164,11 +177,15 @@ def path_turns(positions: FloatArray) -> bool:
 
 
 def possible_poses(poses: Trajectory) -> tuple[Mask, tuple[str, ...]]:
-    """Return which poses are possible, `(N,)`, and the findings about stray stamps and excessive speeds."""
+    """Return which poses are possible, `(N,)`, and the findings about stray stamps, zeros and excessive speeds."""
     kept = ~stray_stamps(poses.stamps_ns)
     findings = []
     if not kept.all():
         findings.append(f"{_of(~kept)} poses have stamps that are 0 or days away from the others: ignored")
+    at_zero = kept & zero_positions(poses.positions)
+    if at_zero.any():
+        findings.append(f"{_of(at_zero)} poses are at 0, 0, 0, away from all others: ignored")
+        kept &= ~at_zero
     rows = np.flatnonzero(kept)
     jumping = jumping_positions(poses.stamps_ns[rows], poses.positions[rows])
     is_ambiguous = bool(len(rows)) and float(jumping.mean()) > MAX_INVALID

@@ -826,15 +826,17 @@ def test_an_attitude_that_never_changes_along_a_line_is_one(
     assert not caplog.text
 
 
-@pytest.mark.parametrize("wrong", ["far away", "at the origin", "stamp 0", "stamp of 1970"])
+@pytest.mark.parametrize("wrong", ["far away", "at the origin", "often at the origin", "stamp 0", "stamp of 1970"])
 def test_few_poses_that_cannot_be_true_are_left_out_and_counted(
     tmp_path: Path, sfr: Sfr, caplog: pytest.LogCaptureFixture, wrong: str
 ) -> None:
     poses = drive()
     positions, stamps = poses.positions + np.array([50.0, 20.0, 0.0]), poses.stamps_ns.copy()
-    rows_wrong = [10, 11, 40] if "stamp" not in wrong else [0]
+    rows_wrong = [0] if "stamp" in wrong else [*range(5, 60, 4)] if "often" in wrong else [10, 11, 40]
     if wrong == "far away":
         positions[rows_wrong] = [2.7e6, 0.0, 0.0]
+    elif wrong == "often at the origin":
+        positions[rows_wrong] = 0.0
     elif wrong == "at the origin":
         positions[rows_wrong] = 0.0
         stamps = stamps[0] + (stamps - stamps[0]) // 10  # at 20 Hz
