@@ -50,13 +50,24 @@ from sfr_loc_map.nodes.stereo.camera_info_pair import CameraInfoPair
 from sfr_loc_map.nodes.stereo.stereo_input import StereoInputConfig
 from sfr_loc_map.ros.point_messages import cloud_from_msg
 from sfr_loc_map.ros.pose_messages import covariance_of, odometry_row, transform_from_pose
+from sfr_loc_map.ros.publishers import participants_of
 from sfr_loc_map.ros.qos import LATCHED, RELIABILITIES, profile
 from sfr_loc_map.ros.transport import TransportGaps, begin_counting
 from sfr_loc_map.run_order import CommonRuns
 from sfr_loc_map.scoring.live.live_score import MAX_LISTED, DiscardedInterval, LiveRun
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore
 from sfr_loc_map.suite_names import SIDES, Side, Task
-from sfr_loc_map.topics import CLOUD, ESTIMATE, NAV_POSE, TF, TF_STATIC, TRUE_POINTS, call_topic, configuration_topic
+from sfr_loc_map.topics import (
+    CLOUD,
+    ESTIMATE,
+    NAV_POSE,
+    TF,
+    TF_STATIC,
+    TRUE_POINTS,
+    TRUE_POSES,
+    call_topic,
+    configuration_topic,
+)
 from sfr_loc_map.transport_issues import Reliability
 from sfr_loc_map.worker import Overload
 
@@ -72,6 +83,8 @@ SOURCES: dict[str, str] = {
 sources."""
 TF_TOPICS = (TF, TF_STATIC)  #: Topics that may have several publishers.
 SCORE_PREFIX = "score."  #: Prefix of the parameters that are the settings of the score.
+Sender = tuple[type[Any], int]
+"""A publisher of a topic: the type of its messages, and the number of returns of the sequence number before."""
 IN_FLIGHT_S = 5.0  #: During a run, results of pairs younger than this, s, do not count as missing.
 
 
@@ -137,6 +150,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     | calibration, configurations of the nodes | kept | kept |
     | whether an estimate and the ground truth were received | kept | kept |
     | sequence numbers of the messages by topic (`TransportGaps`) | kept | kept |
+    | publishers of the scored messages (`_senders`) | cleared | cleared |
     | type and origin of the ground truth (`TopicTruthInput`) | kept | kept |
 
     Ground truth from /tf also has runs of its own (`FramePoses`).
@@ -211,6 +225,9 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         )
         self._runs: CommonRuns[Callable[[], None]] = CommonRuns(SOURCES, once=(TRUTH,))
         self._restarts = 0  # number of new runs since the operator's reset
+        self._senders: dict[str, set[Sender]] = {}  # of the messages of the run, by topic
+        self._sender = "", (String, 0)  # topic and publisher of the message that the worker handles
+        self._is_truth_of_item = False
         self._has_estimate = False
         self._has_truth = False
         self._early_points: deque[PointCloud2] = deque(maxlen=MAX_PAIRS)  # received before camera_info
@@ -259,7 +276,13 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             if on_first is not None and gaps.count == 1:
                 self.worker.enqueue(partial(on_first, gaps.before))
             size_bytes = len(message.data) if kind is PointCloud2 else 0
-            self.worker.enqueue_droppable(partial(callback, message), size_bytes)
+            sender = topic, (kind, gaps.returns)
+
+            def handle() -> None:
+                self._sender = sender
+                callback(message)
+
+            self.worker.enqueue_droppable(handle, size_bytes)
 
         return self.endpoints.add_subscription(kind, topic, received, qos, of_one_publisher=of_one_publisher)
 
@@ -300,7 +323,13 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
 
     def _add_in_order(self, source: str, stamp_ns: int, add: Callable[[], None]) -> None:
         """Add a pose or call once its run is known; strays and results of the previous run are dropped."""
-        accepted, begins_run = self._runs.add(source, stamp_ns, add)
+        sender = self._sender
+
+        def add_of_sender() -> None:
+            self._note_publisher(*sender)
+            add()
+
+        accepted, begins_run = self._runs.add(source, stamp_ns, add_of_sender)
         if begins_run:
             self.get_logger().warning(f"the stamps of {SOURCES[source]} have jumped: the score restarts")
             self._begin_run("a new run")
@@ -312,8 +341,8 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         """Discard what was received in the previous run."""
         self._discard(cause)
         self._score.restart()
-        for gaps in list(self._gaps.values()):
-            gaps.returns = 0
+        self._senders = {}
+        self._is_truth_of_item = False
         self._missed_estimates = 0
         self._last_ns = 0
 
@@ -365,6 +394,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._score_maps()
 
     def _on_cloud(self, message: PointCloud2) -> None:
+        self._note_publisher(*self._sender)
         self._score.map_inputs.add_cloud(stamp_of(message), cloud_from_msg(message))
         self._score_maps()
 
@@ -392,6 +422,20 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._note_stamp(stamp_ns)
         self.status.note_arrival()
 
+    def _note_publisher(self, topic: str, publisher: Sender) -> None:
+        """Add a publisher to those of a scored topic in the run."""
+        self._senders.setdefault(topic, set()).add(publisher)
+
+    def _examine_truth(self) -> None:
+        """Note publishers of the ground truth whose messages are not received, and a publisher that is also the item's.
+
+        The graph is examined whenever a score is computed, because a publisher may exist only for a part of the run.
+        """
+        for kind in self._truth.types_beside():
+            self._note_publisher(TRUE_POSES, (kind, 0))
+        of_estimates = participants_of(self, self.resolve_topic_name(ESTIMATE))
+        self._is_truth_of_item |= bool(of_estimates & self._truth.participants())
+
     def _note_stamp(self, stamp_ns: int) -> None:
         """Extend the interval of the received data."""
         first_ns, last_ns = self._received_ns or (stamp_ns, stamp_ns)
@@ -403,6 +447,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         monitor = {name: value for name, value in parameters if not name.startswith(SCORE_PREFIX)}
         made = Provenance(version=__version__, configuration=self._configurations | {"monitor": monitor})
         dropped = sum(self.counts().values())
+        self._examine_truth()
         live = LiveRun(
             in_flight_s=in_flight_s,
             details=details,
@@ -411,7 +456,8 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             discards=self._discards,
             discarded=self._discarded,
             missed_estimates=self._missed_estimates,
-            mixed=tuple(topic for topic, gaps in list(self._gaps.items()) if gaps.is_mixed and topic not in TF_TOPICS),
+            publisher_changes={name: len(found) - 1 for name, found in self._senders.items() if len(found) > 1},
+            is_truth_of_item=self._is_truth_of_item,
             provenance=made,
         )
         return self._score.result(live)

@@ -10,6 +10,9 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from sfr_loc_map.topics import COMPRESSED_END
 from sfr_loc_map.transport_issues import Publisher, Reliability
 
+PARTICIPANT_BYTES = 12
+"""Number of first bytes of a global id that identify the DDS participant, of which a process of ROS has one (DDSI-RTPS
+2.5, section 9.3.1). The last bytes identify the publisher in the participant."""
 UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"  #: Name that ROS reports for a node that is not discovered yet.
 
 
@@ -47,6 +50,11 @@ def resolved_name(node: Node, name: str) -> str:
 def is_remapped(node: Node, name: str) -> bool:
     """Return whether a remapping rule applies to a relative name."""
     return bool(node.resolve_topic_name(name) != node.resolve_topic_name(name, only_expand=True))
+
+
+def participants_of(node: Node, topic: str) -> set[tuple[int, ...]]:
+    """Return the ids of the participants of the publishers of a topic, given by its full name."""
+    return {tuple(info.endpoint_gid[:PARTICIPANT_BYTES]) for info in node.get_publishers_info_by_topic(topic)}
 
 
 def node_of(info: Any) -> str:  # noqa: ANN401 - rclpy's TopicEndpointInfo

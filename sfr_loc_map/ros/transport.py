@@ -37,15 +37,15 @@ def latencies(
     return {name: value for name, value in found.items() if value is not None}
 
 
-MIXED = 3  #: Number of returns of the sequence number from which on the messages of several publishers are mixed.
+UNSUPPORTED = 2**64 - 1  #: Sequence number of a middleware without sequence numbers (rmw/types.h); 0 here.
 
 
 class TransportGaps:
     """Counts messages that were published but not received, for topics with one publisher at a time.
 
     A publisher numbers its messages from 1. A lower number therefore indicates a new publisher, whose identity is not
-    transmitted. `count` is the number of received messages, `lost` the number of missing messages, and `before` the
-    number of messages that were published before the first received message. `returns` is the number of messages whose
+    transmitted. `count` is the number of received messages, `lost` the number of missing messages, `before` the
+    number of messages that were published before the first received message, and `returns` the number of messages whose
     number does not exceed that of the previous message: 1 for each new publisher, many if publishers alternate.
     """
 
@@ -60,20 +60,15 @@ class TransportGaps:
 
     def add(self, info: dict[str, Any]) -> int:
         """Add the message info of a message; return the number of messages missing before that message."""
-        number, last = int(info.get("publication_sequence_number") or 0), self._last
+        number, last = int(info.get("publication_sequence_number") or 0) % UNSUPPORTED, self._last
         self._last = number
         if not self.count:
             self.before = max(number - 1, 0)
         self.count += 1
-        self.returns += 0 < number <= last
+        self.returns += 0 < number <= last and not self._several
         gap = number - last - 1 if last and number > last and not self._several else 0
         self.lost += gap
         return gap
-
-    @property
-    def is_mixed(self) -> bool:
-        """Whether the messages are those of several publishers that alternate."""
-        return self.returns >= MIXED
 
     def set_several(self, several: bool) -> None:
         """Disable the count of gaps while there are several publishers, because a number may belong to any of them.

@@ -25,7 +25,7 @@ from sfr_loc_map.scoring.live.monitor_score import MonitorScore
 CONFIG = TrajectoryScoreConfig(conditions=("distance=0.5",), spacing=3)
 COUNT = 14
 OF_CALLS = ("calls_", "judged calls", "judged memory")
-OF_LIVE = ("judged live", "dropped", "restarts")
+OF_LIVE = ("judged live", "dropped", "restarts", "publisher_changes")
 Drive = tuple[Estimates, Trajectory]
 
 

@@ -452,8 +452,9 @@ def test_the_call_of_a_single_pair_may_have_a_rounded_stamp(late_ns: int, wrong:
 
 
 def test_rows_of_a_live_run_by_hand() -> None:
-    rows = values_of(live_completeness(90, 10, 2))
-    assert rows == {"judged live": 0.9, "dropped": 0.1, "dropped count": 10, "restarts": 2}
+    rows = values_of(live_completeness(90, 10, 2, 3))
+    counts = {"dropped count": 10, "restarts": 2, "publisher_changes": 3}
+    assert rows == {"judged live": 0.9, "dropped": 0.1, **counts}
 
 
 @pytest.mark.parametrize(("count", "missing", "is_incomplete"), [(100, 1, False), (200, 2, False), (100, 2, True)])

@@ -330,6 +330,42 @@ def test_the_truth_may_have_each_type_that_is_scored_of_files(ros: None, capfd: 
         assert score["truth"]["attitude"] is (kind not in (PointStamped, NavSatFix))
 
 
+def test_another_publisher_of_results_or_truth_within_a_run_is_stated(ros: None, capfd: Capture) -> None:
+    """A crashed item that was started again, and an item that publishes a ground truth beside the true one."""
+    arguments = params("publish_period_s:=0.1")
+    with ExitStack() as stack:
+        peer = stack.enter_context(Manager("monitor_node"))
+        stack.enter_context(LocalNode(peer, capfd, MonitorNode, *arguments))
+        report = peer.listen(String, "metrics/report", latched=True)
+        item = peer.node.create_publisher(Odometry, "localisation/odometry", 100)
+        rogue = peer.node.create_publisher(Odometry, "ground_truth/odometry", 100)
+
+        def changes() -> list[float]:
+            figures = json.loads(report[-1].data)["figures"] if report else []
+            return [item["value"] for item in figures if item["figure"] == "publisher_changes"]
+
+        def send(publisher: Any, index: int) -> None:
+            peer.until(publisher.get_subscription_count, "the monitor")
+            publisher.publish(raw(bag_messages.odometry(START_NS + index * PERIOD_NS, np.zeros(3), NO_TURN)))
+
+        for index in range(3):
+            send(item, index)
+        peer.until(lambda: changes() == [0.0], "a run with one publisher of each topic")
+        peer.node.destroy_publisher(item)
+        item = peer.node.create_publisher(Odometry, "localisation/odometry", 100)
+        send(item, 3)
+        peer.until(lambda: changes() == [1.0], "the second publisher of the estimates")
+        assert any("localisation/odometry had more than one publisher" in text for text in warnings_of(report))
+        assert peer.call("monitor_node/reset").success
+        stack.enter_context(tracker(PoseStamped))
+        send(rogue, 4)
+        send(item, 4)
+        words = "ground_truth/odometry had more than one publisher"
+        peer.until(lambda: any(words in text for text in warnings_of(report)), "the second type of the ground truth")
+        assert changes() == [1.0]
+        assert any("published the estimates also published the ground truth" in text for text in warnings_of(report))
+
+
 def test_a_truth_of_another_type_is_received_after_another_activation_with_the_same_origin(
     ros: None, capfd: Capture
 ) -> None:

@@ -310,16 +310,18 @@ def test_the_commands_state_partial_judging(tmp_path: Path, sfr: Sfr, is_partial
         assert ("(--partial)" in text) == is_partial
 
 
-def test_what_a_live_run_dropped_and_every_restart_are_incomplete() -> None:
-    for dropped, restarts in ((1, 0), (0, 1)):
+def test_dropped_messages_restarts_and_changes_of_publishers_are_incomplete() -> None:
+    for dropped, restarts, changes in ((1, 0, {}), (0, 1, {}), (0, 0, {"localisation/odometry": 1})):
         monitor = MonitorScore(CONFIG, LIMITS)
         for stamp, position, quat in zip(STAMPS.tolist(), drive().positions, drive().quats_xyzw, strict=True):
             monitor.add_estimate(stamp, position, quat, None)
             monitor.add_truth(stamp, position, quat)
-        score = monitor.result(LiveRun(dropped=dropped, restarts=restarts))
+        score = monitor.result(LiveRun(dropped=dropped, restarts=restarts, publisher_changes=changes))
         assert score.verdict == "incomplete"
         assert ("dropped" in (score.incomplete or "")) == bool(dropped)
         assert ("restarted 1 times" in (score.incomplete or "")) == bool(restarts)
+        stated = [text for text in score.warnings if "localisation/odometry had more than one publisher" in text]
+        assert len(stated) == len(changes)
 
 
 def test_a_live_run_without_a_dropped_message_passes_a_limit_on_dropped_messages() -> None:

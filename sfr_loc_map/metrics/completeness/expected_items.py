@@ -203,11 +203,12 @@ def answers_completeness(node: ExternalScore) -> Iterator[Figure]:
 # ---- live runs
 
 
-def live_completeness(received: int, dropped: int, restarts: int) -> Iterator[Figure]:
-    """Yield the rows of completeness of a live run: received and dropped messages, and restarts of the score."""
+def live_completeness(received: int, dropped: int, restarts: int, publisher_changes: int) -> Iterator[Figure]:
+    """Yield the rows of completeness of a live run: messages, restarts of the score, and changes of publishers."""
     yield expected_row(RowPart(Scope.LIVE), received, received + dropped)
     yield from share_rows("dropped", dropped, received + dropped)
     yield figure_row("restarts", value=restarts)
+    yield figure_row("publisher_changes", value=publisher_changes)
 
 
 # ---- suites

@@ -71,7 +71,7 @@ class AcceptedBy(NamedTuple):
 class ShortfallKind(NamedTuple):
     """A kind of missing, unjudged or unexpected data of one scope."""
 
-    figure: str  #: Figure of completeness: the data as a fraction of `expected`; for `restarts` their number.
+    figure: str  #: Figure of completeness: the data as a fraction of `expected`; for `restarts` a number.
     scope: Scope | None  #: None for every scope, as of `UNKNOWN_ITEMS`.
     expected: str  #: What the figure is a fraction of.
     #: Largest value of the figure for which the scope is complete, if the score has limits; None for any value.
@@ -317,6 +317,15 @@ SHORTFALLS = (
     # ---- live runs
     ShortfallKind("dropped", Scope.LIVE, "messages", 0.0, "{percent} % of the messages of the live run were dropped"),
     ShortfallKind("restarts", Scope.LIVE, "runs", 0.0, "the live score restarted {value} times", is_limited=False),
+    ShortfallKind(
+        "publisher_changes",
+        Scope.LIVE,
+        "topics",
+        0.0,
+        "changes of the publisher of a scored topic within the run: {value}",
+        partial=False,
+        is_limited=False,
+    ),
 )
 """The kinds of shortfalls, by subject."""
 OF_LIMIT = {kind.limit_name: kind for kind in SHORTFALLS if kind.limit_name is not None}

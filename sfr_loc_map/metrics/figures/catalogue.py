@@ -323,6 +323,7 @@ CATALOGUE = (
     of_completeness(ANSWERED_TWICE, "answers to pairs that were answered before"),
     of_completeness("dropped", "messages dropped"),
     of_completeness("restarts", "restarts of the live score", content=Content.COUNT),
+    of_completeness("publisher_changes", "changes of the publisher of a scored topic", content=Content.COUNT),
     FigureKind("truth_error", Subject.CONSISTENCY, "error of the ground truth", unit="m", content=Content.NUMBER),
     FigureKind("nees", Subject.CONSISTENCY, "normalised error squared (NEES)"),
     FigureKind(

@@ -17,7 +17,7 @@ from sfr_loc_map.io.bag.frames import FrameSeries, PoseRow, chain_above, chain_p
 from sfr_loc_map.io.truth.messages import TRUTH_TYPES, UNKNOWN, TrueRow, TruthReader
 from sfr_loc_map.message_types import ODOMETRY
 from sfr_loc_map.ros.messages import message_type, tf_message_type
-from sfr_loc_map.ros.publishers import publishers_of
+from sfr_loc_map.ros.publishers import participants_of, publishers_of
 from sfr_loc_map.ros.qos import TF_STATIC_QOS
 from sfr_loc_map.ros.truth_subscription import TruthSubscription
 from sfr_loc_map.run_order import RunOrder
@@ -125,6 +125,14 @@ class TruthInput(ABC):
         """Subscribe with the published type of true poses if it has changed; return whether it has changed."""
         return False
 
+    def types_beside(self) -> list[type[Any]]:
+        """Return the published types of true poses that are not received, because only one type can be received."""
+        return []
+
+    def participants(self) -> set[tuple[int, ...]]:
+        """Return the participants that publish true poses; empty if the topic also carries other data."""
+        return set()
+
     @abstractmethod
     def reason_for_silence(self) -> str:
         """Return why no true pose was received."""
@@ -174,6 +182,16 @@ class TopicTruthInput(TruthInput):
                 f"{TRUE_POSES} has the type {self._subscription.msgtype}: true poses are read with it"
             )
         return has_changed
+
+    def types_beside(self) -> list[type[Any]]:
+        """Return the published types of true poses that are not received, because only one type can be received."""
+        published = publishers_of(self._node, self._node.resolve_topic_name(TRUE_POSES))
+        types = {publisher.msgtype for publisher in published}.intersection(TRUTH_TYPES)
+        return [message_type(name) for name in types - {self._subscription.msgtype}]
+
+    def participants(self) -> set[tuple[int, ...]]:
+        """Return the participants that publish true poses."""
+        return participants_of(self._node, self._node.resolve_topic_name(TRUE_POSES))
 
     def reason_for_silence(self) -> str:
         """Return why no true pose was received."""

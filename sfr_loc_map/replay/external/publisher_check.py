@@ -6,11 +6,9 @@ import time
 
 from sfr_loc_map.replay.external.process_watch import ProcessWatch
 from sfr_loc_map.replay.replay_peer import ReplayPeer
+from sfr_loc_map.ros.publishers import participants_of
 
 CHECK_PERIOD_S = 0.2  #: Period of the checks whether the publishers have changed.
-PARTICIPANT_BYTES = 12
-"""Number of first bytes of a global id that identify the DDS participant, of which a process of ROS has one (DDSI-RTPS
-2.5, section 9.3.1). The last bytes identify the publisher in the participant."""
 
 
 class PublisherCheck:
@@ -59,5 +57,4 @@ class PublisherCheck:
 
     def _participants(self) -> set[tuple[int, ...]]:
         """Return the ids of the participants of the publishers."""
-        found = self._peer.ros_node.get_publishers_info_by_topic(self._topic)
-        return {tuple(item.endpoint_gid[:PARTICIPANT_BYTES]) for item in found}
+        return participants_of(self._peer.ros_node, self._topic)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from sfr_loc_map.geometry.arrays import IntArray
@@ -45,7 +45,10 @@ class LiveRun:
     discarded: tuple[DiscardedInterval, ...] = ()  #: The latest of these intervals, at most `MAX_LISTED`.
     #: Number of estimates that were published before the first that the node received, as after a restart of the node.
     missed_estimates: int = 0
-    mixed: tuple[str, ...] = ()  #: Topics on which the messages of several publishers alternated.
+    #: Number of changes of the publisher, by scored topic, during the run; two publishers of a topic count as a change.
+    publisher_changes: Mapping[str, int] = field(default_factory=dict)
+    #: Whether a process that published the estimates also published the ground truth.
+    is_truth_of_item: bool = False
     provenance: Provenance | None = None  #: Provenance of the score.
 
     @property
@@ -107,7 +110,7 @@ def _due_calls(run: Run, in_flight_ns: int) -> Mapping[Task, IntArray | None]:
 
 
 def _with_transport(calls: CallsResult, live: LiveRun, messages: int) -> CallsResult:
-    """Return the result of the calls with the counts of dropped messages and restarts. Zero counts have no rows."""
+    """Return the result of the calls with the counts and caveats of a live run. Without messages, there are no rows."""
     if live.discards:
         calls = replace(calls, caveats=(*calls.caveats, _discarded_text(live)))
     if live.missed_estimates:
@@ -116,13 +119,23 @@ def _with_transport(calls: CallsResult, live: LiveRun, messages: int) -> CallsRe
             "live score does not contain them"
         )
         calls = replace(calls, caveats=(*calls.caveats, text))
-    if live.mixed:
-        topics = ", ".join(live.mixed)
-        text = f"the messages of several publishers are mixed on {topics}: stop all but one, and repeat the run"
-        calls = replace(calls, caveats=(*calls.caveats, text))
+    calls = replace(calls, caveats=(*calls.caveats, *_publisher_caveats(live)))
     if not messages and not live.dropped and not live.restarts:
         return calls
-    return replace(calls, figures=(*calls.figures, *live_completeness(messages, live.dropped, live.restarts)))
+    changes = sum(live.publisher_changes.values())
+    rows = live_completeness(messages, live.dropped, live.restarts, changes)
+    return replace(calls, figures=(*calls.figures, *rows))
+
+
+def _publisher_caveats(live: LiveRun) -> Iterator[str]:
+    """Yield the caveats about the publishers of the scored topics."""
+    for topic, count in sorted(live.publisher_changes.items()):
+        yield (
+            f"{topic} had more than one publisher in the run (changes: {count}): its process was started again, for "
+            "example after a crash, or several processes publish the topic; stop all but one, and repeat the run"
+        )
+    if live.is_truth_of_item:
+        yield "a process that published the estimates also published the ground truth"
 
 
 def _discarded_text(live: LiveRun) -> str:

@@ -38,7 +38,7 @@ NOT_OF_A_DRIVE = (
     *OF_MAP,
     *(kind.name for kind in CATALOGUE if kind.is_without_height),
     *(kind.value for kind in CallKind if kind is not CallKind.LOCALISATION),
-    *(UNANSWERED, "dropped", "restarts"),
+    *(UNANSWERED, "dropped", "restarts", "publisher_changes"),
 )
 """Figures of these subjects that require an alignment, a ground truth without heights, maps, or running nodes."""
 STRUCTURED = ("scenario", "set", "ranges", "seeds", "running")
