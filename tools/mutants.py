@@ -512,8 +512,10 @@ MUTATIONS = (
         "seconds = time.perf_counter() - begin",
         "seconds = 0.5 * (time.perf_counter() - begin)",
     ),
-    Mutation("methods/child/supervisor.py", "(41, 54, 46, 307)", "(54, 46, 307)"),
-    Mutation("methods/child/supervisor.py", "(29, 64, 68, 240)", "(64, 68, 240)"),
+    Mutation("methods/child/supervisor.py", "(41, 54, 46, 307, ", "(54, 46, 307, "),
+    Mutation("methods/child/supervisor.py", " 307, 29, 64, 68, 240,", " 307, 64, 68, 240,"),
+    Mutation("methods/child/supervisor.py", " 250, 188, 189, 190,", " 250, 189, 190,"),
+    Mutation("methods/child/supervisor.py", '"x86_64": (90, 91, 268,', '"x86_64": (91,'),
     Mutation("process_tree.py", "SOCKET_BYTES if self._is_supervisor else 0", "0"),
     Mutation("methods/child/loop.py", "np.array(images[: len(", "np.asarray(images[: len("),
     Mutation(

@@ -1,5 +1,6 @@
 """Attacks on the measurement of a method: work, files and memory outside of what the client sees of a call."""
 
+import os
 import socket
 import threading
 import time
@@ -14,7 +15,7 @@ from sfr_loc_map.methods.registry import MethodLimits, find_method
 from sfr_loc_map.suite_names import Task
 
 CLASSES = """
-import ctypes, mmap, os, socket, sys, threading, time
+import ctypes, mmap, os, shutil, socket, sys, threading, time
 from contextlib import suppress
 import numpy as np
 
@@ -106,6 +107,18 @@ class Asks(Standing):
         opened += libc.syscall(447, 0) >= 0  # memfd_secret
         one.send(b"x")
         self.statistics = {"opened": opened, "received": len(other.recv(9))}
+        return np.eye(4)
+
+class Marks(Standing):
+    def process(self, pair):
+        marked = 0
+        with suppress(OSError):
+            os.setxattr(__file__, "user.m", b"x")
+            marked += 1
+        os.chmod(__file__, 0o777)
+        os.utime(__file__, (1, 1))
+        copy = shutil.copy2(__file__, os.environ["HOME"] + "/copy.py")
+        self.statistics = {"marked": marked, "copied": os.stat(copy).st_size}
         return np.eye(4)
 
 class KeepsInSockets(Standing):
@@ -200,6 +213,17 @@ def test_a_method_reaches_no_other_process_and_leaves_no_memory_of_the_kernel(cl
         assert under_test.record.isolation.startswith("files, TCP, sockets, IPC")
     assert not call.finding
     assert (call.statistics["opened"], call.statistics["received"]) == (0.0, 1.0)
+
+
+def test_metadata_of_files_cannot_carry_data_to_the_next_run(classes: Path) -> None:
+    before = classes.stat()
+    with localiser(classes, "Marks") as under_test:
+        _, call = under_test.localise(loc_pair(0))
+    after = classes.stat()
+    assert not call.finding
+    assert (call.statistics["marked"], call.statistics["copied"]) == (0.0, before.st_size)
+    assert (after.st_mode, after.st_mtime_ns) == (before.st_mode, before.st_mtime_ns)
+    assert not os.listxattr(classes)
 
 
 def test_memory_in_the_buffers_of_sockets_counts(classes: Path) -> None:

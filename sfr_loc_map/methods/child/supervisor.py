@@ -31,21 +31,31 @@ TCP, TCP_ABI = 3, 4  # rights to bind and connect, and the first ABI version wit
 SCOPES, SCOPES_ABI = 3, 6  # signals and abstract sockets, and the first ABI version with them
 LARGEST_FILE = 4_000_000_000  #: Bytes. Limits the disk use of a command that writes endlessly.
 CALLS = {
-    # seccomp; socket, setsockopt, sendmsg, sendmmsg; shmget, semget, msgget, mq_open; add_key, request_key, keyctl
-    "x86_64": (0xC000003E, 317, (41, 54, 46, 307), (29, 64, 68, 240), (248, 249, 250)),
-    "aarch64": (0xC00000B7, 277, (198, 208, 211, 269), (194, 190, 186, 180), (217, 218, 219)),
+    # seccomp; socket, setsockopt, sendmsg, sendmmsg; shmget, semget, msgget, mq_open; add_key, request_key, keyctl;
+    # setxattr, lsetxattr, fsetxattr, removexattr, lremovexattr, fremovexattr
+    "x86_64": ((0xC000003E, 317), (41, 54, 46, 307, 29, 64, 68, 240, 248, 249, 250, 188, 189, 190, 197, 198, 199)),
+    "aarch64": ((0xC00000B7, 277), (198, 208, 211, 269, 194, 190, 186, 180, 217, 218, 219, 5, 6, 7, 14, 15, 16)),
 }
-"""Number of the architecture, and numbers of system calls.
+"""By architecture: its number and that of the system call seccomp, and the numbers of the refused system calls.
 
 A new socket could reach other processes, which could pass open files. A larger buffer (`setsockopt`) holds memory that
-is counted for no process, and a message can hold open files (`sendmsg`). Memory of System V, message queues and keys
-outlive their process."""
-IO_URING_SETUP, MEMFD_SECRET = 425, 447
-"""System calls, on every architecture. The first opens sockets without the system calls in `CALLS`. The second
-allocates memory that the kernel reports for no process."""
+is counted for no process, and a message can hold open files (`sendmsg`). Memory of System V, message queues, keys and
+extended attributes of files outlive their process."""
+IO_URING_SETUP, MEMFD_SECRET, SETXATTRAT, REMOVEXATTRAT, FILE_SETATTR = 425, 447, 463, 466, 469
+"""Refused system calls, on every architecture. The first opens sockets without the system calls in `CALLS`. The second
+allocates memory that the kernel reports for no process. The others write attributes of files."""
+WITHOUT_EFFECT = {
+    # chmod, fchmod, fchmodat; chown, fchown, lchown, fchownat; utime, utimes, futimesat, utimensat
+    "x86_64": (90, 91, 268, 92, 93, 94, 260, 132, 235, 261, 280),
+    "aarch64": (52, 53, 55, 54, 88),
+}
+"""System calls that succeed without an effect, so that programs that copy a file with its mode and times work. Modes,
+owners and times can be set for any file of the user, and outlive the process."""
+FCHMODAT2 = 452  #: Likewise, on every architecture.
 SET_FILTER, ALLOW_SPECULATION = 1, 4  #: The flag avoids a slow-down on kernels before 5.16.
 LOAD, JUMP_IF_EQUAL, JUMP_IF_GREATER_EQUAL, RETURN = 0x20, 0x15, 0x35, 0x06  #: Instructions of the filter.
-ALLOWED, REFUSED, FIRST_OF_X32 = 0x7FFF0000, 0x00050001, 0x40000000  #: REFUSED is "operation not permitted".
+ALLOWED, FIRST_OF_X32 = 0x7FFF0000, 0x40000000
+REFUSED, IGNORED = 0x00050001, 0x00050000  #: The errors "operation not permitted" and none, without the system call.
 LIBC = ctypes.CDLL(None, use_errno=True)
 
 
@@ -102,18 +112,21 @@ def restrict(rules: Rules) -> list[str]:
 
 
 def refuse_calls() -> list[str]:
-    """Refuse the system calls of `CALLS`; return the restrictions, which are empty if this is not possible.
+    """Filter the system calls of `CALLS` and `WITHOUT_EFFECT`; return the restrictions, empty if this is impossible.
 
     A program of another architecture, for example of 32 bits, may make no system call at all.
     """
     if platform.machine() not in CALLS:
         return []
-    architecture, seccomp, *groups = CALLS[platform.machine()]
-    refused = [number for group in groups for number in group] + [IO_URING_SETUP, MEMFD_SECRET]
-    lines = [(LOAD, 0, 0, 4), (JUMP_IF_EQUAL, 0, len(refused) + 3, architecture)]
-    lines += [(LOAD, 0, 0, 0), (JUMP_IF_GREATER_EQUAL, len(refused) + 1, 0, FIRST_OF_X32)]
-    lines += [(JUMP_IF_EQUAL, len(refused) - place, 0, number) for place, number in enumerate(refused)]
-    lines += [(RETURN, 0, 0, ALLOWED), (RETURN, 0, 0, REFUSED)]
+    (architecture, seccomp), refused = CALLS[platform.machine()]
+    of_all = (IO_URING_SETUP, MEMFD_SECRET, SETXATTRAT, REMOVEXATTRAT, FILE_SETATTR)
+    after = dict.fromkeys((*refused, *of_all), 0)  # lines from that of REFUSED to that of the result
+    after |= dict.fromkeys((*WITHOUT_EFFECT[platform.machine()], FCHMODAT2), 1)
+    count = len(after)
+    lines = [(LOAD, 0, 0, 4), (JUMP_IF_EQUAL, 0, count + 3, architecture)]
+    lines += [(LOAD, 0, 0, 0), (JUMP_IF_GREATER_EQUAL, count + 1, 0, FIRST_OF_X32)]
+    lines += [(JUMP_IF_EQUAL, count - place + after[number], 0, number) for place, number in enumerate(after)]
+    lines += [(RETURN, 0, 0, ALLOWED), (RETURN, 0, 0, REFUSED), (RETURN, 0, 0, IGNORED)]
     text = ctypes.create_string_buffer(b"".join(struct.pack("=HBBI", *line) for line in lines))
     program = struct.pack("@HP", len(lines), ctypes.addressof(text))
     LIBC.prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0)
