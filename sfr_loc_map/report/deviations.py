@@ -39,6 +39,9 @@ from sfr_loc_map.tables.model import METRE, exact_number, fitting, number
 PATH_WITHOUT_IMAGES = 0.01
 """Fraction of the true path without images that is accepted, because the truth begins and ends near an image."""
 MAX_STANDING = 0.1  #: Accepted fraction of sub-trajectories with a stationary rover.
+TIMES_OF_PAIRS = (CallKind.MAPPING_CALL, CallKind.MAPPING)
+"""Calls whose time contains or may contain the mapping of single pairs."""
+RETURNING_DISPARITIES = (MethodKind.PEER, MethodKind.PYTHON)  #: Methods that may return disparities for a pair.
 STAGES = (CallKind.MAPPING, CallKind.FUSION)  #: Calls that are stages of the mapping call of the specification.
 CALLS_WITH_FINDINGS = {
     Task.LOCALISATION: (CallKind.LOCALISATION,),
@@ -213,6 +216,17 @@ def _calls(item: Verdict, score: Score) -> Iterator[str]:
         yield f"{_name(item)} was stated by the file of the target and not measured by this suite."
     if is_of_stage(item):
         yield f"{_name(item)} concerns a stage. The specification's mapping call makes one cloud of all pairs [4.3.1]."
+    if item.figure in TIMES_OF_PAIRS and not item.is_of_target and _may_return_disparities(score):
+        yield (
+            f"{_name(item)} does not contain the triangulation of disparity images, which this suite computes outside "
+            "the call if the method returns disparities instead of points."
+        )
+
+
+def _may_return_disparities(score: Score) -> bool:
+    """Return whether the method may return disparity images, because it maps pairs one by one."""
+    is_of_kind = score.method is not None and score.method.kind in RETURNING_DISPARITIES
+    return is_of_kind and score.figure(CallKind.MAPPING, part=None) is not None
 
 
 def is_of_stage(item: Verdict) -> bool:

@@ -158,6 +158,16 @@ def test_the_memory_of_a_stage_follows_no_clause_and_is_a_deviation() -> None:
     assert len(deviations) == 2, deviations
 
 
+@pytest.mark.parametrize("kind", MethodKind)
+def test_the_time_of_a_method_that_may_return_disparities_is_a_deviation(kind: MethodKind) -> None:
+    """The suite triangulates disparities outside of the call. Libraries return points."""
+    limits = parse_limits({"timing": {"mapping_p50_s": 1.0, "localisation_p50_s": 1.0}}, "test")
+    score = replace(whole_score(), method=MethodRecord(name="x", version="1", kind=kind))
+    found = " ".join(deviations_of(judged_by(score, limits, partial=True)))
+    count = int(kind in (MethodKind.PEER, MethodKind.PYTHON))
+    assert found.count("does not contain the triangulation of disparity images") == count
+
+
 def test_calls_that_were_not_measured_have_no_deviation() -> None:
     content = {"timing": {"mapping_p50_s": 1.0, "localisation_p50_s": 1.0}, "memory": {"mapping_peak_bytes": 2e9}}
     score = judged_by(of_drive(without(whole_score(), "timing")), parse_limits(content, "test"), partial=True)
