@@ -67,7 +67,7 @@ def filtered(estimates: list, positions: np.ndarray, rotations: np.ndarray, *, w
 
 @pytest.mark.sample
 @pytest.mark.slow
-@pytest.mark.parametrize("fault", [None, "black:burst=12,share=0.15", "noisy:amount=15", "repeated:burst=2,share=0.1"])
+@pytest.mark.parametrize("fault", [None, "black:burst=12,share=0.15"])
 def test_a_filter_gains_by_the_twist(sample: PairsInMemory, fault: str | None) -> None:
     sample = PairsInMemory(sample.rig, sample.kept[:PAIRS], sample.ground_truth)
     faulty = sample if fault is None else FaultyLoc(sample, [parse_fault(fault)], 5)
