@@ -276,8 +276,7 @@ def history(
     """
     from sfr_loc_map.suite.history.history import find_changes
     from sfr_loc_map.suite.history.night import read_nights
-    from sfr_loc_map.suite.pages.page import render_history
-    from sfr_loc_map.suite.pages.tables import history_table
+    from sfr_loc_map.suite.pages.history_page import history_table, render_history
 
     propose("sfr report A B", why="compares two of these nights in full")
     check_suffix(html, HTML_SUFFIXES)

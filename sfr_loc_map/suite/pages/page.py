@@ -1,4 +1,4 @@
-"""The pages and files of a suite, and the page of a history."""
+"""The pages and files of a suite."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ from sfr_loc_map.metrics.stored.score_json import json_line
 from sfr_loc_map.report.page import render_overview, render_page
 from sfr_loc_map.report.plots import Plot, Values, axis, error_scale, largest, log_axis, marks, plain, scaled, span
 from sfr_loc_map.report.summary import Banner
-from sfr_loc_map.suite.history.history import History
 from sfr_loc_map.suite.pages.export import write_parquet
-from sfr_loc_map.suite.pages.tables import FIRST_TABLES, PAGES, history_table, linked, suite_tables
+from sfr_loc_map.suite.pages.tables import FIRST_TABLES, PAGES, linked, suite_tables
 from sfr_loc_map.suite.statistics.budget import Budget
 from sfr_loc_map.suite.statistics.summary import Summary
 from sfr_loc_map.suite.store import Store
@@ -90,24 +89,6 @@ def budget_plot(budget: Budget) -> Plot:
 def first_position(figures: tuple[Figure, ...]) -> Figure | None:
     """Return the position error of the first condition; None if there is none."""
     return next(find_rows(figures, "position"), None)
-
-
-def render_history(history: History) -> str:
-    """Return the page of a history as HTML."""
-    worse = [change.text for change in history.worse]
-    worse += [f"{label} has no result in the last night" for label in history.without_result]
-    heading, text = "worse", "; ".join(worse)  # not a verdict, because no limit is judged
-    if not worse and history.shortage:
-        heading, text = "not judged", history.shortage
-    elif not worse:
-        heading, text = "not worse", "No figure is certainly worse than before."
-    plots, caption = [], "Geometric mean over the jobs; arithmetic mean for counts."
-    for number, (figure, values) in enumerate(history.figures.items()):
-        trace = marks("all jobs", _columns(list(enumerate(values, 1))), "@one")
-        layout = {"xaxis": axis("night"), "yaxis": axis(figure)}
-        plots.append(Plot(f"history-{number}", figure, caption, [trace], layout))
-    banner = Banner.without_verdict(heading, text)
-    return render_overview("History of suites", banner, [history_table(history)], [("Figures", plots)])
 
 
 def _columns(rows: Sequence[tuple[int, float | None]], factor: float = 1.0) -> list[Values]:

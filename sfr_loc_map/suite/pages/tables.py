@@ -1,4 +1,4 @@
-"""The tables of a suite, of a comparison of suites, and of a history."""
+"""The tables of a suite, of a comparison of suites, and of the required numbers of drives."""
 
 from __future__ import annotations
 
@@ -16,8 +16,6 @@ from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.figures.subjects import Scope, Subject
 from sfr_loc_map.metrics.score.verdict import counts_of
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_cell
-from sfr_loc_map.suite.history.history import Change, History
-from sfr_loc_map.suite.history.shifts import MIN_REFERENCE
 from sfr_loc_map.suite.jobs.job import SHORT_KEY
 from sfr_loc_map.suite.jobs.job_outcome import WorkerRecord
 from sfr_loc_map.suite.statistics.budget import Budget, BudgetRow, row_with_fraction
@@ -41,7 +39,6 @@ FIRST_TABLES = (
     "counts",
     "groups",
 )  #: Tables above the plots of the page of a suite.
-NAMED = 5  #: Maximum number of jobs that are named for a change.
 DECIDED = "the sequential tests decided all limits before this job"
 SUITE_JSON = "suite.json"
 
@@ -447,44 +444,6 @@ def comparison_tables(result: SuiteComparison) -> list[Table]:
         table_of("deviations", "Deviations of the results", DEVIATIONS_OF_SUITES, deviations),
     )
     return [table for table in tables if table.rows]
-
-
-def _changed_jobs(change: Change) -> str:
-    count = f"{len(change.jobs)} of {change.of}"
-    if len(change.jobs) == change.of:
-        return count
-    more = ", ..." if len(change.jobs) > NAMED else ""
-    return f"{count}: {', '.join(change.jobs[:NAMED])}{more}"
-
-
-HISTORY: tuple[RowColumn[Change], ...] = (
-    heads("since", lambda row: row.since),
-    words("commits", lambda row: row.range),
-    words("figure", lambda row: row.figure),
-    words("is", lambda row: row.kind_of_change),
-    words("jobs", _changed_jobs),
-    numbers("before", lambda row: row.before),
-    numbers("after", lambda row: row.after),
-    numbers("ratio", lambda row: row.ratio),
-    intervals("95 % interval", lambda row: row.ci95),
-    words("see", lambda row: row.command),
-)
-
-
-def history_table(history: History) -> Table:
-    """Return the table of a history: every change of a figure."""
-    note = (
-        f"Nights (runs of the suite): {len(history.nights)}. Before and after: means over the named jobs. Without "
-        f"changes, at most one night in {1.0 / history.false_alarm_rate:g} gives an alarm."
-    )
-    if len(history.nights) <= MIN_REFERENCE:
-        note += f" With fewer than {MIN_REFERENCE + 1} nights, only changes of most jobs are detected."
-    if history.without_result:
-        note += f" Jobs of the last night without a result: {', '.join(history.without_result)}."
-    if history.shortage:
-        note += f" Not judged: {history.shortage}."
-    title = "No figure changed" if history.tested and not history.changes else "Changes"
-    return table_of("history", title, HISTORY, history.changes, note)
 
 
 NO_NUMBER = "no number"  #: Text if no number of drives is enough.

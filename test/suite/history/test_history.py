@@ -19,7 +19,7 @@ from sfr_loc_map.suite.history.night import Night, NightJob, read_nights
 from sfr_loc_map.suite.history.scales import SCALES
 from sfr_loc_map.suite.history.shifts import Compared, compare, find_shifts
 from sfr_loc_map.suite.jobs.job import PairKey
-from sfr_loc_map.suite.pages.page import render_history
+from sfr_loc_map.suite.pages.history_page import render_history
 from sfr_loc_map.suite.statistics.figures import ComparedFigure, ComparedKind
 from sfr_loc_map.suite.statistics.summary import SCHEMA
 
