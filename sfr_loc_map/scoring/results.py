@@ -84,9 +84,8 @@ def trajectory_result(
         in_flight_ns=in_flight_ns,
         kept_errors=kept_errors,
     )
-    warnings = [] if finding is None else [finding.text]
+    warnings = [*_stationary_truth(drive)] if finding is None else [finding.text]
     warnings += _sparse_truth(drive, scored.association)
-    warnings += _stationary_truth(drive)
     warnings += placeholder_warnings(drive.estimates.trajectory, drive.truth)
     warnings += truth_caveats(scored.truth)
     caveats = (*drive.caveats, *_uneven_estimates(drive, scored.association))

@@ -79,6 +79,7 @@ class Tried(NamedTuple):
 
     hypothesis: Hypothesis
     remaining: FloatArray
+    is_of_truth: bool = False  #: Whether the truth has the mismatch and not the estimate.
 
 
 def diagnose(
@@ -111,13 +112,22 @@ def diagnose(
 
 
 def _chosen(tried: Sequence[Tried], without_mismatch: Sequence[FloatArray]) -> Hypothesis | None:
-    """Return the first hypothesis that explains the disagreement; None if no hypothesis does."""
+    """Return the first hypothesis that explains the disagreement; None if no hypothesis does.
+
+    If estimate and truth have the same world frame, some mismatches of either leave the same disagreement, and that of
+    the estimate is returned.
+    """
     without_fit = [item.remaining for item in tried if not item.hypothesis.fitted]
-    for item in tried:
-        simpler = [*without_mismatch, *without_fit] if item.hypothesis.fitted else without_mismatch
-        if _explains(item, simpler):
-            return item.hypothesis
-    return None
+    explaining = [
+        item
+        for item in tried
+        if _explains(item, [*without_mismatch, *without_fit] if item.hypothesis.fitted else without_mismatch)
+    ]
+    if not explaining:
+        return None
+    most = explaining[0].hypothesis.disagreement + NEGLIGIBLE
+    of_estimate = (item for item in explaining if not item.is_of_truth and item.hypothesis.disagreement <= most)
+    return next(of_estimate, explaining[0]).hypothesis
 
 
 def _explains(tried: Tried, simpler: Sequence[FloatArray]) -> bool:
@@ -160,7 +170,7 @@ def _by_mismatch(compared: ComparedPoses) -> Iterator[Tried]:
             fitted=mismatch.is_fitted,
             setting=mismatch.setting,
         )
-        yield Tried(hypothesis, remaining)
+        yield Tried(hypothesis, remaining, mismatch.is_of_truth)
 
 
 def _remaining_after(mismatch: Mismatch, compared: ComparedPoses) -> FloatArray:
