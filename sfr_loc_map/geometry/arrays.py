@@ -63,7 +63,7 @@ def length(vector: FloatArray) -> float:
 
 def is_finite(*arrays: FloatArray) -> bool:
     """Return whether all numbers of some small arrays are finite, faster than `numpy.isfinite`."""
-    return all(math.isfinite(number) for array in arrays for number in array.ravel().tolist())
+    return all(all(map(math.isfinite, array.ravel().tolist())) for array in arrays)
 
 
 def diagonal_matrix(values: Sequence[float]) -> FloatArray:

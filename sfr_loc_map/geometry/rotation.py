@@ -111,27 +111,31 @@ def matrix_from_quat(quat_xyzw: ArrayLike) -> FloatArray:
 
 
 def quat_from_matrix(matrix: ArrayLike) -> FloatArray:
-    """Return unit quaternions `(..., 4)`, scalar >= 0, of rotation matrices `(..., 3, 3)` (Shepperd 1978)."""
+    """Return unit quaternions `(..., 4)`, scalar >= 0, of rotation matrices `(..., 3, 3)`."""
     m = np.asarray(matrix, dtype=np.float64)
-    quats = np.empty((m.size // 9, 4))
-    for index, ((a, b, c), (d, e, f), (g, h, i)) in enumerate(m.reshape(-1, 3, 3).tolist()):
-        trace = a + e + i
-        squares = (a, e, i, trace)
-        largest = squares.index(max(squares)) if trace == trace else 3  # NaN
-        # each row is the quaternion times 4 x, 4 y, 4 z or 4 w; the row of the largest component is the most accurate
-        x, y, z, w = (
-            (1.0 + 2.0 * a - trace, d + b, c + g, h - f),
-            (d + b, 1.0 + 2.0 * e - trace, h + f, c - g),
-            (c + g, h + f, 1.0 + 2.0 * i - trace, d - b),
-            (h - f, c - g, d - b, 1.0 + trace),
-        )[largest]
-        norm = math.sqrt(x * x + y * y + z * z + w * w)
-        if not MIN_NORM <= norm < math.inf:
-            raise GeometryError(NO_LENGTH)
-        if w / norm < 0:
-            norm = -norm
-        quats[index] = x / norm, y / norm, z / norm, w / norm
-    return quats.reshape(*m.shape[:-2], 4)
+    quats = [_quat_of_rows(rows) for rows in m.reshape(-1, 3, 3).tolist()]
+    return np.array(quats, dtype=np.float64).reshape(*m.shape[:-2], 4)
+
+
+def _quat_of_rows(rows: list[list[float]]) -> tuple[float, float, float, float]:
+    """Return the unit quaternion, scalar >= 0, of the rows of one rotation matrix (Shepperd 1978)."""
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    trace = a + e + i
+    squares = (a, e, i, trace)
+    largest = squares.index(max(squares)) if trace == trace else 3  # NaN
+    # each row is the quaternion times 4 x, 4 y, 4 z or 4 w; the row of the largest component is the most accurate
+    x, y, z, w = (
+        (1.0 + 2.0 * a - trace, d + b, c + g, h - f),
+        (d + b, 1.0 + 2.0 * e - trace, h + f, c - g),
+        (c + g, h + f, 1.0 + 2.0 * i - trace, d - b),
+        (h - f, c - g, d - b, 1.0 + trace),
+    )[largest]
+    norm = math.sqrt(x * x + y * y + z * z + w * w)
+    if not MIN_NORM <= norm < math.inf:
+        raise GeometryError(NO_LENGTH)
+    if w / norm < 0:
+        norm = -norm
+    return x / norm, y / norm, z / norm, w / norm
 
 
 def matrix_from_rotvec(rotvec: ArrayLike) -> FloatArray:
@@ -144,7 +148,7 @@ def matrix_from_rotvec(rotvec: ArrayLike) -> FloatArray:
 
 def rotvec_from_matrix(matrix: ArrayLike) -> FloatArray:
     """Return the rotation vector `(3,)`, radians, angle in [0, pi], of one rotation matrix `(3, 3)`."""
-    quat = quat_from_matrix(matrix)
+    quat = np.array(_quat_of_rows(np.asarray(matrix, dtype=np.float64).tolist()))
     axis = quat[:3]  # times the sine of half the angle
     sine = length(axis)
     if sine < SMALL_HALF_SINE:

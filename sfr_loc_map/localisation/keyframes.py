@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray, Mask
+from sfr_loc_map.geometry.arrays import FloatArray, Mask, is_finite
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
@@ -100,7 +100,7 @@ def adjustment_diverged(landmark_map: LandmarkMap, T_world_left: Transform) -> b
     The newest pose or its covariance is then not finite, or the pose is far from that before the adjustment.
     """
     pose = landmark_map.window.newest_pose
-    if not all(np.isfinite(array).all() for array in (*pose, landmark_map.covariance)):
+    if not is_finite(*pose, landmark_map.covariance):
         return True
     return not size_between(Pose.of(T_world_left), pose).is_within(MAX_ADJUSTMENT)
 

@@ -13,14 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray, diagonal_matrix, outer_square, read_only
+from sfr_loc_map.geometry.arrays import FloatArray, diagonal_matrix, is_finite, outer_square, read_only
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.jit import jit
 from sfr_loc_map.localisation.frontend.pose_solver import (
     LandmarkEstimates,
     Linearisation,
     StereoObservations,
-    geman_mcclure,
+    geman_mcclure_weight,
     linearise,
 )
 
@@ -33,8 +33,9 @@ MIN_YAW_LANDMARKS = 9  #: Minimum number of landmarks with a weight: one for eac
 ENOUGH_LANDMARKS = 300
 """Approximate number of landmarks used. With 300, the error that all landmarks of an image have in common exceeds the
 random error of their mean."""
-POSE, YAW, SHEAR = slice(6), 6, slice(7, 9)
+POSE, YAW, LEFT_SHEAR, RIGHT_SHEAR = slice(6), 6, 7, 8
 """Unknowns of the step: pose, yaw of the right camera, shears of the left and of the right image."""
+SHEAR = slice(LEFT_SHEAR, RIGHT_SHEAR + 1)  #: Unknowns of both shears.
 UNKNOWNS = 9  #: Number of unknowns of the step.
 
 
@@ -97,6 +98,13 @@ class PairYaw(NamedTuple):
     disparity: FloatArray  #: `(N,)` residual disparities of these landmarks, pixels.
 
 
+class _StepTerms(NamedTuple):
+    """Weights and derivatives of N landmarks in a Gauss-Newton step of pose, yaw and shears."""
+
+    weight: FloatArray  #: `(N,)` Geman-McClure weights; 0 for a landmark behind the camera.
+    jacobian: FloatArray  #: `(N, 4, 9)` derivatives of the projections with respect to the unknowns.
+
+
 class _StepEquations(NamedTuple):
     """Normal equations of a Gauss-Newton step of pose, yaw and shears."""
 
@@ -131,14 +139,14 @@ def pair_yaw(
     """
     landmarks, observations = _in_both_images(landmarks, observations)
     linearised = linearise(pose, landmarks, observations, camera)
-    chi2 = np.where(np.isnan(linearised.chi2_per_dof), np.inf, linearised.chi2_per_dof)
-    weight = geman_mcclure(chi2, YAW_SCALE)
+    terms = _step_terms(linearised, observations.uv, camera)
+    weight = terms.weight
     left_uv = observations.uv[:, :2]
     right_uv = observations.uv[:, 2:]
     if np.count_nonzero(weight) < MIN_YAW_LANDMARKS:
         return None
-    equations = _step_equations(linearised, weight, camera.normalised(left_uv), camera.normalised(right_uv))
-    if not np.isfinite(equations.information).all():
+    equations = _step_equations(linearised, terms)
+    if not is_finite(equations.information):
         return None
     # A shear about another row is the same shear plus a shift. Distances are therefore from the middle row.
     middle_row = 0.5 * (shape[0] - 1)
@@ -159,24 +167,38 @@ def _in_both_images(
     return landmarks.take(in_both), observations.take(in_both)
 
 
-def _step_equations(
-    linearised: Linearisation, weight: FloatArray, left_xy: FloatArray, right_xy: FloatArray
-) -> _StepEquations:
-    """Return the normal equations of a step, from normalised image coordinates `(N, 2)` of the observations.
+@jit
+def _step_terms(linearised: Linearisation, uv: FloatArray, camera: StereoCamera) -> _StepTerms:
+    """Return the weights and derivatives of a step, from the observations `(N, 4)` u, v left, u, v right, pixels.
 
-    A yaw that shifts the principal point by one pixel shifts a right position (x, y) by `(1 + x^2, x y)` pixels. A
-    shear shifts the rows of an image along u in proportion to y. On flat ground, a shear of both images resembles a
-    sideways motion; stones and the horizon distinguish the two.
+    A yaw that shifts the principal point by one pixel shifts a right position (x, y), in normalised coordinates, by
+    `(1 + x^2, x y)` pixels. A shear shifts the rows of an image along u in proportion to y. On flat ground, a shear of
+    both images resembles a sideways motion; stones and the horizon distinguish the two.
     """
-    x, y = right_xy.T
-    jacobian = np.zeros((len(weight), 4, UNKNOWNS))
-    jacobian[:, :, POSE] = linearised.jacobians
-    jacobian[:, 2, YAW] = 1.0 + x * x
-    jacobian[:, 3, YAW] = x * y
-    jacobian[:, 0, SHEAR.start] = left_xy[:, 1]
-    jacobian[:, 2, SHEAR.start + 1] = y
-    weighted = (linearised.inverse_covariance * weight[:, None, None] @ jacobian).reshape(-1, UNKNOWNS)
-    return _StepEquations(weighted.T @ jacobian.reshape(-1, UNKNOWNS), weighted.T @ linearised.residuals.ravel())
+    count = len(uv)
+    weight = np.zeros(count)
+    jacobian = np.zeros((count, 4, UNKNOWNS))
+    for n in range(count):
+        chi2 = linearised.chi2_per_dof[n]
+        if not np.isnan(chi2):
+            weight[n] = geman_mcclure_weight(chi2, YAW_SCALE)
+        for i in range(4):
+            for unknown in range(YAW):
+                jacobian[n, i, unknown] = linearised.jacobians[n, i, unknown]
+        x = (uv[n, 2] - camera.cx) / camera.fx
+        y = (uv[n, 3] - camera.cy) / camera.fy
+        jacobian[n, 2, YAW] = 1.0 + x * x
+        jacobian[n, 3, YAW] = x * y
+        jacobian[n, 0, LEFT_SHEAR] = (uv[n, 1] - camera.cy) / camera.fy
+        jacobian[n, 2, RIGHT_SHEAR] = y
+    return _StepTerms(weight, jacobian)
+
+
+def _step_equations(linearised: Linearisation, terms: _StepTerms) -> _StepEquations:
+    """Return the normal equations of a step."""
+    jacobian = terms.jacobian.reshape(-1, UNKNOWNS)
+    weighted = (linearised.inverse_covariance * terms.weight[:, None, None] @ terms.jacobian).reshape(-1, UNKNOWNS)
+    return _StepEquations(weighted.T @ jacobian, weighted.T @ linearised.residuals.ravel())
 
 
 def _yaw_px(equations: _StepEquations) -> float:

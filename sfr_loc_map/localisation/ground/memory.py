@@ -141,6 +141,8 @@ class ExcludedCells(NamedTuple):
             stationary: `(R, C)` stationary cells.
             shape: Height and width of the image.
         """
+        if not (self.life.any() or exclusion.fixed.any() or exclusion.dynamic.any()):
+            return self  # no cell was excluded, and the pair excludes none
         is_fixed = (self.is_fixed | exclusion.fixed) & ~exclusion.dynamic
         life = np.where(exclusion.fixed, FIXED_LIFE, self.life)
         life = np.where(exclusion.dynamic, DYNAMIC_LIFE, life)

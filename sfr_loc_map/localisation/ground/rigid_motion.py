@@ -413,7 +413,7 @@ class Exclusion(NamedTuple):
     @classmethod
     def of_fixed(cls, rows: NDArray[np.intp], cells: Mask) -> Exclusion:
         """Return the exclusion of landmarks and cells that are fixed to the camera."""
-        return cls(rows, cells, np.zeros_like(cells))
+        return cls(rows, cells, np.zeros(cells.shape, np.bool_))
 
     @classmethod
     def nothing(cls, shape: tuple[int, ...]) -> Exclusion:

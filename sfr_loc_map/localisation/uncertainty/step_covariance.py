@@ -142,7 +142,8 @@ def pose_noise(
     noise = sources.white_ratio * factor * given_keyframes + shear.covariance
     T_rb_left = model.T_rb_left
     noise = propagated_covariance(noise, -T_rb_left.translation, T_rb_left.rotation @ R_world_left.T)
-    noise[3:, 3:] += sources.exposure_rad**2 * np.eye(3)
+    exposure_rad2 = sources.exposure_rad**2
+    noise[3:, 3:] += diagonal_matrix((exposure_rad2, exposure_rad2, exposure_rad2))
     return symmetric(noise)
 
 
@@ -163,7 +164,7 @@ def systematic_step(step: StepMotion, depth_m: float, calibration: OnlineCalibra
     )
     position = disparity_px * depth_m / model.focal_baseline * step.displacement
     attitude = model.lens_turn_per_m(calibration) * np.copysign(step.size.metres, step.vector[0])
-    return np.concatenate((step.R_rb_world @ position, np.full(3, attitude)))
+    return np.concatenate((step.R_rb_world @ position, [attitude, attitude, attitude]))
 
 
 class PublishedPose(NamedTuple):
