@@ -601,7 +601,7 @@ MUTATIONS = (
     Mutation("localisation/uncertainty/step_covariance.py", "self.shared_with_next_step + while_kept", "while_kept"),
     Mutation(
         "localisation/uncertainty/step_covariance.py",
-        "np.copysign(step.size.metres, step.vector[0])",
+        "math.copysign(step.size.metres, step.vector[0])",
         "step.size.metres",
     ),
     Mutation("localisation/frontend/row_search.py", "scores[places - 1 - p]", "scores[p]"),

@@ -13,6 +13,7 @@ The calibration is immutable: each update returns a new object.
 
 from __future__ import annotations
 
+import math
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -133,7 +134,7 @@ class LensResidual(NamedTuple):
         between_blocks = float((total**2 / np.maximum(count, 1.0)).sum())
         number = max(float(count.sum()), 1.0)
         by_chance = (squares.sum() - between_blocks) / number * min(pairs, SIGHTINGS) * np.count_nonzero(count)
-        rms_px = float(np.sqrt(max(between_blocks - by_chance, 0.0) / number))
+        rms_px = math.sqrt(max(between_blocks - by_chance, 0.0) / number)
         return LensResidual(sums, pairs, rms_px)
 
 
@@ -170,7 +171,7 @@ class YawEstimate(NamedTuple):
     @property
     def sigma_px(self) -> float:
         """Standard deviation of the yaw."""
-        return float(np.sqrt(self.variance_px2))
+        return math.sqrt(self.variance_px2)
 
     @property
     def remaining_px(self) -> float:
@@ -192,7 +193,7 @@ class YawEstimate(NamedTuple):
         gain = predicted_px2 / (predicted_px2 + found.variance * float(window_keyframes))
         mean_px = self.mean_px + gain * (self.corrected_px + found.px - self.mean_px)
         variance_px2 = predicted_px2 * (1.0 - gain)
-        is_significant = abs(mean_px) > DETECTION_SIGMAS * float(np.sqrt(variance_px2))
+        is_significant = abs(mean_px) > DETECTION_SIGMAS * math.sqrt(variance_px2)
         target_px = mean_px if is_significant else 0.0
         return YawEstimate(mean_px, variance_px2, target_px, self.corrected_px, self.earlier_px)
 
@@ -352,4 +353,4 @@ def _end_of_line(yaws_px: FloatArray) -> tuple[float, float]:
     mean = float(yaws_px.sum()) / count  # faster than `mean`
     last = mean + slope * float(pairs[-1])
     variance = float(np.square(yaws_px - mean - slope * pairs).sum()) / (count - 2)
-    return last, float(np.sqrt(variance * (1.0 / count + pairs[-1] ** 2 / power)))
+    return last, math.sqrt(variance * (1.0 / count + pairs[-1] ** 2 / power))

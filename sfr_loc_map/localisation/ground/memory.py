@@ -293,17 +293,17 @@ class GroundMemory(NamedTuple):
         """
         if not main.moves_image:
             return Shown.AT_REST
-        if self.excluded.dynamic_fraction < MAX_DYNAMIC and self._are_covered(main.cells(inliers)):
+        if self.excluded.dynamic_fraction < MAX_DYNAMIC and self._are_covered(main, inliers):
             return Shown.CONSISTENT
         if self.is_uncertain and not self.is_usual(main.unexplained_fraction):
             return Shown.UNCERTAIN_GROUND
         return Shown.PARTLY_CONSISTENT
 
-    def _are_covered(self, inliers: Mask) -> bool:
-        """Return whether inlier cells `(R, C)` are in or beside at least half of the uncertain cells."""
+    def _are_covered(self, main: Agreement, inliers: Mask) -> bool:
+        """Return whether cells with inliers are in or beside at least half of the uncertain cells."""
         if self.uncertain_cells is None:
             return True
-        beside = cv2.dilate(inliers.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        beside = cv2.dilate(main.cells(inliers).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
         return bool((beside & self.uncertain_cells).sum() >= MIN_COVERED * self.uncertain_cells.sum())
 
     def stays_uncertain(self, shown: Shown) -> bool:

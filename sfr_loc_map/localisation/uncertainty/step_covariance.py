@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -64,7 +65,7 @@ def updated_variance_factor(before: float | None, chi_median: float, sources: Er
     The first pair with residuals sets the factor. `chi_median` is per degree of freedom, and NaN without residuals.
     """
     found = chi_median / EXPECTED_CHI_MEDIAN
-    if not np.isfinite(found):
+    if not math.isfinite(found):
         return before
     return found if before is None else before + sources.variance_gain * (found - before)
 
@@ -159,11 +160,11 @@ def systematic_step(step: StepMotion, depth_m: float, calibration: OnlineCalibra
     bound. In `disparity`, the remaining yaw is multiplied by `unsettled_yaw_ratio`, because that term also contains
     `uncorrected`.
     """
-    disparity_px = np.sqrt(
+    disparity_px = math.sqrt(
         model.sources.disparity_px**2 + calibration.yaw.sigma_px**2 + calibration.yaw.remaining_px**2
     )
     position = disparity_px * depth_m / model.focal_baseline * step.displacement
-    attitude = model.lens_turn_per_m(calibration) * np.copysign(step.size.metres, step.vector[0])
+    attitude = model.lens_turn_per_m(calibration) * math.copysign(step.size.metres, step.vector[0])
     return np.concatenate((step.R_rb_world @ position, [attitude, attitude, attitude]))
 
 
