@@ -469,7 +469,10 @@ MUTATIONS = (
         "file.data_sha256 or file.sha256 for file in files}) > 1",
         "file.data_sha256 or file.sha256 for file in files}) > 2",
     ),
-    Mutation("metrics/judging/proof.py", "in sorted(drives.items())]", "in drives.items()]"),
+    Mutation("suite/jobs/job.py", "DriveOrder(self.extension, self.drive_key)", "DriveOrder(0, self.drive_key)"),
+    Mutation("suite/planning/looks.py", "min(first.get(drive, new), extensions[name])", "extensions[name]"),
+    Mutation("suite/statistics/looks.py", "looks[0][0].limits != present", "looks[0][0].limits == present"),
+    Mutation("suite/statistics/looks.py", "(verdict.n or 0) < (item.n or 0)", "(verdict.n or 0) <= (item.n or 0)"),
     Mutation(
         "scoring/results.py", "fromkeys(KINDS_OF[task], measurement)", "fromkeys(KINDS_OF[task][:1], measurement)"
     ),

@@ -8,6 +8,8 @@ from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from msgspec.structs import replace as struct_replace
+
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.errors import InterruptedRunError, SfrError
 from sfr_loc_map.message_text import one_line
@@ -20,6 +22,7 @@ from sfr_loc_map.suite.planning.plan import Plan, make_plan
 from sfr_loc_map.suite.planning.source_inspection import has_changed
 from sfr_loc_map.suite.planning.specification import SuiteSettings, SuiteSpecification
 from sfr_loc_map.suite.statistics.groups import are_decided, groups_of
+from sfr_loc_map.suite.statistics.looks import looks_before
 from sfr_loc_map.suite.statistics.scored_job import ResultReader
 from sfr_loc_map.suite.statistics.summary import Summary, summarise
 from sfr_loc_map.suite.store import Store
@@ -181,7 +184,8 @@ def plan_run(specification: SuiteSpecification, store: Store, *, retry_failed: b
     InputError if the limits name another data set than that of a job.
     """
     store.check_owner(specification.path)
-    plan = make_plan(specification, store.cache)
+    plan = make_plan(specification, store.cache, store.earlier_plan)
+    plan = struct_replace(plan, looks=looks_before(plan, store))
     wanted = (JobState.WAITING, JobState.FAILED) if retry_failed else (JobState.WAITING,)
     jobs = [job for job in plan.jobs if store.state(job) in wanted]
     check_data_sets(jobs, specification.limits)
@@ -191,7 +195,7 @@ def plan_run(specification: SuiteSpecification, store: Store, *, retry_failed: b
     if planned.is_decided():
         failed = [job for job in jobs if store.state(job) is JobState.FAILED]
         return replace(planned, jobs=failed, not_needed=len(jobs) - len(failed))
-    return replace(planned, jobs=sorted(jobs, key=lambda job: (job.drive_key, job.key)))
+    return replace(planned, jobs=sorted(jobs, key=lambda job: (job.drive_order, job.key)))
 
 
 def slots_for(settings: SuiteSettings, workers: int | None) -> int:

@@ -115,6 +115,14 @@ class Store:
             self._plan = plan
         return self._plan
 
+    @property
+    def earlier_plan(self) -> Plan | None:
+        """The plan of the last run; None if there is none, or if it is of another version or was edited."""
+        try:
+            return self.plan if self.plan_file.exists() else None
+        except InputError:
+            return None
+
     def check_owner(self, file: Path, *, is_search: bool = False) -> None:
         """Raise OutputError if the folder belongs to another file of a suite, or of a search, than the given file.
 

@@ -10,16 +10,20 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from helpers import ROOT
-from helpers.made_suites import JOB, made_suite, recording
+from helpers.made_suites import JOB, made_suite, recording, straight
 from sfr_loc_map.errors import InputError, InterruptedRunError
+from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
+from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.stored.score_json import from_json, to_json
 from sfr_loc_map.suite import Store, load_specification, make_plan, run, run_suite
 from sfr_loc_map.suite.jobs.job import Job
 from sfr_loc_map.suite.jobs.job_outcome import JobOutcome, JobState
 from sfr_loc_map.suite.jobs.job_run import run_job
 from sfr_loc_map.suite.planning.source_inspection import files_of_source, state_of
+from sfr_loc_map.suite.statistics.summary import Summary
 
 pytest.importorskip("distributed", reason="needs the extra [suite]")
 LIMITS = {"trajectory": [{"condition": "distance=1", "position_mean_plus_3sigma_m": 1.0}]}
@@ -89,6 +93,66 @@ def test_an_interrupted_run_reports_its_finished_jobs(tmp_path: Path, monkeypatc
         run_suite(specification, Store(tmp_path / "out"))
     counts = json.loads((tmp_path / "out/suite.json").read_text())["counts"]
     assert counts == {"jobs": 2, "done": 1, "failed": 0, "waiting": 1}
+
+
+def run_here(suite: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Summary:
+    """Run a suite in this process."""
+
+    def run_jobs(jobs: Sequence[Job], at_work: object, cache: Path) -> Iterator[tuple[Job, JobOutcome]]:
+        for job in jobs:
+            yield job, JobOutcome(result=to_json(run_job(job, folder, cache)))
+
+    monkeypatch.setattr(run, "suite_workers", lambda *settings: nullcontext())
+    monkeypatch.setattr(run, "run_jobs", run_jobs)
+    monkeypatch.setattr(run, "hold", lambda: None)
+    return run_suite(load_specification(suite), Store(folder))
+
+
+def limits_of(limit_m: float, **terms: object) -> dict[str, object]:
+    bound = {"limit": limit_m, "interpretation": "ensemble", **terms}
+    return {"trajectory": [{"condition": "distance=1", "position_bound_m": bound}]}
+
+
+def test_a_suite_that_was_extended_until_it_passed_or_has_other_limits_deviates(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Six drives that meet the limit do not prove 70 % with 95 % confidence; nine drives do."""
+
+    def deviations_of(drives: int, limit_m: float, folder: str) -> tuple[VerdictState | None, set[tuple[str, str]]]:
+        terms = limits_of(limit_m, prob=0.7, confidence=0.95)
+        suite = made_suite(tmp_path / "made", drives, limits=terms)
+        summary = run_here(suite, tmp_path / folder, monkeypatch)
+        return summary.verdict, {(item.text, item.of) for item in summary.deviations}
+
+    verdict, usual = deviations_of(9, 1.0, "fixed in advance")
+    assert verdict == "pass"
+    verdict, few = deviations_of(6, 1.0, "extended")
+    assert verdict == "not enough data"
+    assert deviations_of(6, 1.0, "extended") == (verdict, few), "a report of the same drives is not another look"
+    verdict, extended = deviations_of(9, 1.0, "extended")
+    assert verdict == "pass"
+    assert [of for _, of in extended - usual] == ["score"]
+    for drives, limit_m, count in ((9, 2.0, 1), (9, 1.0, 0)):
+        _, found = deviations_of(drives, limit_m, "fixed in advance")
+        assert [of for _, of in found - usual] == ["all results"] * count, "the limits that were first are no deviation"
+
+
+def test_drives_that_are_added_do_not_change_the_decision_of_a_sequential_test(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without the two bad drives at the beginning, the test passes after six drives."""
+    terms = limits_of(1.0, prob=0.75, confidence=0.75, power=0.75, good=0.05)
+    suite = made_suite(tmp_path / "made", 40, limits=terms)
+    content = yaml.safe_load(suite.read_text())
+    for number in (0, 1):
+        save_trajectory(suite.parent / f"drive{number}.csv", straight(60, 1.0, number))
+    suite.write_text(yaml.safe_dump(content | {"sources": content["sources"][:2]}))
+    failed = run_here(suite, tmp_path / "out", monkeypatch)
+    suite.write_text(yaml.safe_dump(content))
+    extended = run_here(suite, tmp_path / "out", monkeypatch)
+    decisions = [(item.state, item.n) for summary in (failed, extended) for item in summary.on_limits]
+    assert decisions[0][0] == "fail"
+    assert decisions[0] == decisions[1]
 
 
 def test_a_score_of_other_files_is_refused(tmp_path: Path) -> None:

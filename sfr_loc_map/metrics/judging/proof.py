@@ -57,8 +57,8 @@ def sample_of(score: Score, figure: str, condition: str | None) -> Sample | None
 def prove(terms: Terms, limit: float, drives: Mapping[str, Sequence[Sample]], truth_error: float = 0.0) -> Proof:
     """Return the result of the proof that the errors of drives meet a limit.
 
-    `drives` contains the runs of each drive by name. `truth_error` is the change of an error that the error of
-    the truth can cause.
+    `drives` contains the runs of each drive by name, in the order of a sequential test. `truth_error` is the change of
+    an error that the error of the truth can cause.
     """
     runs = {name: [sample for sample in samples if len(sample.errors)] for name, samples in drives.items()}
     runs = {name: samples for name, samples in runs.items() if samples}
@@ -79,12 +79,8 @@ def prove(terms: Terms, limit: float, drives: Mapping[str, Sequence[Sample]], tr
 
 
 def sample_over_drives(interpretation: Population, drives: Mapping[str, Sequence[Sample]]) -> Sample:
-    """Return the errors that represent the drives, in the order of the names of the drives.
-
-    The names of the drives of a suite are hashes of their data. The order of a sequential test therefore does not
-    depend on the order in a file.
-    """
-    chosen = [error_of_drive(interpretation, name, samples) for name, samples in sorted(drives.items())]
+    """Return the errors that represent the drives, in the order of the drives."""
+    chosen = [error_of_drive(interpretation, name, samples) for name, samples in drives.items()]
     return Sample(np.array(chosen), float(len(chosen)))
 
 

@@ -5,7 +5,9 @@
     pairing       hash of data, task, faults, repeat, first pose and scoring: pairs jobs of two suites, even with other
                   code or parameters; `PairKey` adds the configuration if a suite has several
     drive_key     hash of drive, task and faults: repeats and copies of a drive share this hash, because their errors
-                  depend on each other. Sequential tests take the drives in the order of this hash
+                  depend on each other
+    drive_order   extension of the suite that added the drive, and `drive_key`: order of sequential tests
+    measurement   hash of the inputs without those of the score, by which a later plan recognises judged results
     group         task, configuration and alteration: the errors of a group are pooled
     label         the displayed name
     description   names and inputs that the files of the job state, so that a later plan recognises its work
@@ -72,6 +74,17 @@ class GroupKey(NamedTuple):
     def text(self) -> str:
         """Displayed name: `localise, default, black:share=0.1`."""
         return ", ".join(self.parts)
+
+
+class DriveOrder(NamedTuple):
+    """Place of a drive in the order of a group: by the extension that added the drive, then by the hash of its data.
+
+    The order does not depend on the order of the suite's file. Drives that are added later come after the others, so
+    that they do not change the decision of a sequential test.
+    """
+
+    extension: int  #: `Job.extension`.
+    drive_key: str
 
 
 class PairKey(NamedTuple):
@@ -155,6 +168,7 @@ class Job:
     code: str  #: Fingerprint of the code.
     #: Figures and conditions for which all errors are kept, because their tolerance bound is limited.
     kept_errors: tuple[tuple[str, str], ...] = ()
+    extension: int = 0  #: Number of the extension of the suite that added the drive (`planning.looks`).
 
     @property
     def key(self) -> str:
@@ -200,6 +214,19 @@ class Job:
     def drive_key(self) -> str:
         """Hash that repeats and copies of one drive share. Their errors are not independent."""
         return digest([self.task, *self.source.drive_identity, self.faults])
+
+    @property
+    def drive_order(self) -> DriveOrder:
+        """Place of the drive in the order of the drives of its group."""
+        return DriveOrder(self.extension, self.drive_key)
+
+    @property
+    def measurement(self) -> str:
+        """Hash of data, code and parameters, without the settings of the score and without the errors that are kept."""
+        data = [self.source.kind, self.source.sha256]
+        faults = [self.faults, effective_seed(self.faults, self.fault_seed)]
+        settings = [self.parameters, self.input_files, self.start]
+        return digest([self.task, *data, *faults, *settings, self.repeat, self.code])
 
     @property
     def alteration(self) -> str:

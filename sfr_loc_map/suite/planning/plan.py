@@ -25,6 +25,7 @@ from sfr_loc_map.suite.jobs.digests import code_fingerprint
 from sfr_loc_map.suite.jobs.job import NO_CONFIGURATION, PARAMETERS_OF_TASK, Job, JobTask
 from sfr_loc_map.suite.jobs.sources import PlannedSource, Simulation
 from sfr_loc_map.suite.planning.drive_copies import with_drives
+from sfr_loc_map.suite.planning.looks import Look, extensions_of
 from sfr_loc_map.suite.planning.source_inspection import InspectedSource, inspected
 from sfr_loc_map.suite.planning.specification import Refusal, SuiteSpecification
 
@@ -85,6 +86,9 @@ class Plan(PlanOwner, frozen=True, kw_only=True, rename={"stated_limits": "limit
     refusals: tuple[Refusal, ...] = ()  #: Sources that are unreadable or lack data for a task.
     stated_limits: Mapping[str, Any] = {}  #: The limits as stated in their file; empty if there are none.
     run: SuiteRun  #: The run that made the plan.
+    #: Number of the extension that added each drive, also of drives of earlier plans, by kind and hash of the drive.
+    extensions: Mapping[str, int] = {}
+    looks: tuple[Look, ...] = ()  #: Reports of earlier plans of the folder that had other drives or other limits.
 
     @classmethod
     def of_search(cls, path: Path, jobs: Iterable[Job] = ()) -> Plan:
@@ -92,8 +96,8 @@ class Plan(PlanOwner, frozen=True, kw_only=True, rename={"stated_limits": "limit
         return cls(jobs=tuple(jobs), run=SuiteRun.now(), search=str(path.absolute()))
 
 
-def make_plan(specification: SuiteSpecification, cache: Path) -> Plan:
-    """Return the plan of a suite.
+def make_plan(specification: SuiteSpecification, cache: Path, earlier: Plan | None = None) -> Plan:
+    """Return the plan of a suite, given the earlier plan of its folder.
 
     The sources are fetched to `cache` and hashed. A source is refused if it is unreadable, and for each requested task
     for which it has no data. ConfigError if no source has data for `tasks`.
@@ -102,12 +106,14 @@ def make_plan(specification: SuiteSpecification, cache: Path) -> Plan:
     code = code_fingerprint()
     jobs: dict[str, Job] = {}
     of_drives = with_drives([item.source for item in sources], [item.trace for item in sources])
-    for source, item in zip(of_drives, sources, strict=True):
-        for job in _jobs(specification, code, source, item.possible):
-            known = jobs.setdefault(job.key, job)  # named by the first source and configuration with this job
-            if source.name not in (known.source.name, *known.source.identical):
-                identical = (*known.source.identical, source.name)
-                jobs[job.key] = replace(known, source=struct_replace(known.source, identical=identical))
+    known = {} if earlier is None else earlier.extensions
+    extensions, of_sources = extensions_of([item.source for item in sources], of_drives, known)
+    for source, item, extension in zip(of_drives, sources, of_sources, strict=True):
+        for job in _jobs(specification, code, source, item.possible, extension):
+            first = jobs.setdefault(job.key, job)  # named by the first source and configuration with this job
+            if source.name not in (first.source.name, *first.source.identical):
+                identical = (*first.source.identical, source.name)
+                jobs[job.key] = replace(first, source=struct_replace(first.source, identical=identical))
     refusals = [*specification.refusals, *unreadable]
     if not jobs and not refusals:
         raise ConfigError(f"{specification.path}: there is no job: the sources have no data for 'tasks'")
@@ -119,6 +125,7 @@ def make_plan(specification: SuiteSpecification, cache: Path) -> Plan:
         stated_limits=specification.stated_limits,
         run=SuiteRun.now(),
         files=tuple(PlanFile.of(path) for path in specification.files),
+        extensions=extensions,
     )
 
 
@@ -151,7 +158,7 @@ def _tasks_without_data(specification: SuiteSpecification, item: InspectedSource
 
 
 def _jobs(
-    specification: SuiteSpecification, code: str, source: PlannedSource, possible: tuple[JobTask, ...]
+    specification: SuiteSpecification, code: str, source: PlannedSource, possible: tuple[JobTask, ...], extension: int
 ) -> Iterator[Job]:
     """Yield the jobs of a source: each requested task with each fault, configuration and repeat."""
     settings = specification.settings
@@ -180,4 +187,5 @@ def _jobs(
                 threads=settings.threads,
                 code=code,
                 kept_errors=specification.kept_errors,
+                extension=extension,
             )

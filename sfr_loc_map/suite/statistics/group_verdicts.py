@@ -28,6 +28,7 @@ from sfr_loc_map.metrics.score.limits import Limit, Limits, Population, Terms, m
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.statistics.tolerance import Sample
+from sfr_loc_map.suite.jobs.job import DriveOrder
 from sfr_loc_map.suite.statistics.scored_job import ScoredJob
 
 WORST_DRIVE = "worst drive"
@@ -45,13 +46,13 @@ def verdicts_over(
     limits: Limits | None,
     results: Sequence[ScoredJob],
     pooled: tuple[Figure, ...],
-    next_drive: str | None = None,
+    next_drive: DriveOrder | None = None,
     suite_items: int = 0,
 ) -> Iterator[GroupVerdict]:
     """Yield the verdicts over drives with equal settings: first those without a limit, then one for each limit.
 
-    `next_drive` is the key of the first drive without a result, in the order of the keys. `suite_items` is the number
-    of items under test of the suite if the suite does not declare all of them; otherwise 0.
+    `next_drive` is the place of the first drive without a result. `suite_items` is the number of items under test of the
+    suite if the suite does not declare all of them; otherwise 0.
     """
     yield from _verdicts_without_limit(results, suite_items)
     if limits is None:
@@ -178,7 +179,7 @@ def samples_by_drive(limit: Limit, results: Sequence[ScoredJob]) -> tuple[dict[s
 
 
 def proof_over_drives(
-    limit: Limit, terms: Terms, results: Sequence[ScoredJob], next_drive: str | None = None
+    limit: Limit, terms: Terms, results: Sequence[ScoredJob], next_drive: DriveOrder | None = None
 ) -> GroupVerdict:
     """Return the verdict over drives on a limit with a probability and a confidence.
 
@@ -189,9 +190,12 @@ def proof_over_drives(
     samples, without_errors = samples_by_drive(limit, results)
     used = samples
     is_sequential = terms.good is not None
-    ends = without_errors if next_drive is None else {*without_errors, next_drive}
+    order = {result.drive_key: result.drive_order for result in results}
+    ends = [order[drive_key] for drive_key in without_errors]
+    if next_drive is not None:
+        ends.append(next_drive)
     if is_sequential and ends:
-        used = {drive_key: of_drive for drive_key, of_drive in samples.items() if drive_key < min(ends)}
+        used = {drive_key: of_drive for drive_key, of_drive in samples.items() if order[drive_key] < min(ends)}
     scores = [result.score for result in results]
     truth_error = max((truth_error_of(limit, score, score.reading) for score in scores), default=0.0)
     verdict = proof_verdict(limit, prove(terms, limit.limit, used, truth_error), None, truth_error)

@@ -42,15 +42,14 @@ class Group(Struct, frozen=True, kw_only=True):
 def groups_of(results: Sequence[ScoredJob], limits: Limits | None, unfinished: Sequence[Job] = ()) -> Iterator[Group]:
     """Yield the groups of results in the order of their first occurrence.
 
-    Within a group, results are sorted by the hashes of their drives and jobs, so that figures and verdicts do not
-    depend on the order of the suite's file. `unfinished` are the jobs without a result. A limit applies to the groups
-    that have its task, or to all groups if no group has its task.
+    Within a group, results are sorted by the order of their drives and by the hashes of their jobs, so that figures and
+    verdicts do not depend on the order of the suite's file. `unfinished` are the jobs without a result. A limit applies
+    to the groups that have its task, or to all groups if no group has its task.
     """
     suite_tasks = {task for result in results for task in tasks_of(result.score)}
     several = len(undeclared_items_in(results))
-    for key, unsorted in by_group(results).items():
-        in_group = sorted(unsorted, key=lambda item: (item.drive_key, item.job.key))
-        next_drive = min((job.drive_key for job in unfinished if job.group == key), default=None)
+    for key, in_group in by_group(results).items():
+        next_drive = min((job.drive_order for job in unfinished if job.group == key), default=None)
         scores = [result.score for result in in_group]
         trajectories = [score.association for score in scores if score.association is not None]
         conditions = list(dict.fromkeys(condition for score in scores for condition in score.conditions))
@@ -71,10 +70,12 @@ def groups_of(results: Sequence[ScoredJob], limits: Limits | None, unfinished: S
 
 
 def by_group(results: Sequence[ScoredJob]) -> dict[GroupKey, list[ScoredJob]]:
-    """Return the results of each group by its key, in the order of their first occurrence."""
+    """Return the results of each group by its key: groups in the order of their first occurrence, results in order."""
     members: dict[GroupKey, list[ScoredJob]] = {}
     for result in results:
         members.setdefault(result.job.group, []).append(result)
+    for of_group in members.values():
+        of_group.sort(key=lambda item: (item.drive_order, item.job.key))
     return members
 
 

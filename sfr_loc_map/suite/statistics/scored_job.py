@@ -12,7 +12,7 @@ from sfr_loc_map.metrics.judging.several_scores import undeclared_items
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_plain
-from sfr_loc_map.suite.jobs.job import Job, JobTask
+from sfr_loc_map.suite.jobs.job import DriveOrder, Job, JobTask
 from sfr_loc_map.suite.jobs.job_outcome import JobState
 from sfr_loc_map.suite.statistics.figures import figures_of
 from sfr_loc_map.suite.store import Store
@@ -29,6 +29,11 @@ class ScoredJob:
     def drive_key(self) -> str:
         """`Job.drive_key`, which repeats and copies of a drive share."""
         return self.job.drive_key
+
+    @cached_property
+    def drive_order(self) -> DriveOrder:
+        """`Job.drive_order`."""
+        return self.job.drive_order
 
     @property
     def position_m(self) -> float | None:

@@ -23,6 +23,7 @@ from sfr_loc_map.suite.statistics.common_deviations import CommonDeviation, comm
 from sfr_loc_map.suite.statistics.figures import ComparedFigure, figures_of
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict
 from sfr_loc_map.suite.statistics.groups import Group, are_decided, groups_of
+from sfr_loc_map.suite.statistics.looks import deviations_of_looks
 from sfr_loc_map.suite.statistics.scored_job import ResultReader, ScoredJob
 from sfr_loc_map.suite.store import Store
 
@@ -170,7 +171,7 @@ def summarise(store: Store, reader: ResultReader | None = None) -> Summary:
         is_decided=are_decided(groups, jobs),
         copies=tuple(copies_in(jobs)),
         replaced_truths=replaced_truths_in(results),
-        deviations=common_deviations(results),
+        deviations=(*deviations_of_looks(plan, groups, results), *common_deviations(results)),
         limits=reader.limits,
     )
 

@@ -83,13 +83,13 @@ def test_the_order_of_drives_draws_no_other_errors() -> None:
     assert prove(terms, 1.0, drives).bound == prove(terms, 1.0, reverse).bound
 
 
-def test_a_sequential_test_takes_drives_by_their_names_whatever_their_order() -> None:
-    """The first two names decide, which are good; one bad drive after them does not change the decision."""
+def test_a_sequential_test_takes_drives_in_their_order() -> None:
+    """Drives after those that decide do not change the decision."""
     terms = Terms(prob=0.5, confidence=0.5, interpretation=Population.ENSEMBLE, power=0.5, good=0.1)
     errors = {"a": 0.1, "b": 0.1, "c": 9.0}
-    for order in (("a", "b", "c"), ("c", "b", "a")):
+    for order, decision in (("abc", (VerdictState.PASS, 2, 0.1)), ("cba", (VerdictState.FAIL, 1, 9.0))):
         proof = prove(terms, 1.0, {name: [Sample(np.full(5, errors[name]), 5.0)] for name in order})
-        assert (proof.state, proof.n, proof.bound) == (VerdictState.PASS, 2, 0.1)
+        assert (proof.state, proof.n, proof.bound) == decision
 
 
 def test_good_drives_at_the_beginning_do_not_hide_a_failure_over_all_drives() -> None:

@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 import yaml
 
-from helpers.made_suites import save_jobs
+from helpers.made_suites import made_suite, save_jobs
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.suite.jobs.job import Job, JobTask
 from sfr_loc_map.suite.jobs.job_outcome import FailureCause, JobOutcome
 from sfr_loc_map.suite.jobs.sources import Simulation
 from sfr_loc_map.suite.planning import source_inspection
-from sfr_loc_map.suite.planning.plan import make_plan
+from sfr_loc_map.suite.planning.plan import Plan, make_plan
 from sfr_loc_map.suite.planning.source_inspection import RecordingFacts
 from sfr_loc_map.suite.planning.specification import Refusal, load_specification
 from sfr_loc_map.suite.statistics.summary import copies_in
@@ -179,6 +179,26 @@ def test_estimates_of_one_name_and_truth_are_paired(tmp_path: Path) -> None:
     assert found["before"].pairing == found["after"].pairing
     (tmp_path / "truth.csv").write_text("another truth")
     assert plan_of(tmp_path, sources=[source])[0][0].pairing != found["after"].pairing
+
+
+def test_drives_that_are_added_to_a_suite_come_after_the_others(tmp_path: Path) -> None:
+    """A copy of an earlier drive is not a new drive. The order within an extension is that of the hashes."""
+    suite = made_suite(tmp_path, 6)
+    content = yaml.safe_load(suite.read_text())
+    copied = {"estimate": "drive0.csv", "truth": "copy.csv"}
+    (tmp_path / "copy.csv").write_text((tmp_path / "truth0.csv").read_text() + "\n")
+
+    def extended(sources: list[dict[str, str]], earlier: Plan | None) -> Plan:
+        suite.write_text(yaml.safe_dump(content | {"sources": sources}))
+        return make_plan(load_specification(suite), tmp_path / "cache", earlier)
+
+    first = extended(content["sources"][:3], None)
+    second = extended([copied, *content["sources"]], first)
+    assert {job.extension for job in first.jobs} == {0}
+    assert [job.extension for job in second.jobs] == [0, 0, 0, 0, 1, 1, 1]
+    order = sorted(dict.fromkeys(job.drive_order for job in second.jobs))
+    assert [place.extension for place in order] == [0, 0, 0, 1, 1, 1]
+    assert [job.extension for job in extended(content["sources"][:3], second).jobs] == [0, 0, 0]
 
 
 def test_a_source_elsewhere_is_known_by_its_content(tmp_path: Path) -> None:
