@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,24 @@ def test_memory_of_zero_is_not_known(judge: Judge, peak: str, part: str) -> None
         limits=f"{part}:\n  localisation_peak_bytes: 1000000\n",
     )
     assert (result.code, score["verdicts"][0]["value"]) == (0, 900_000)
+
+
+@pytest.mark.clause("4.2.2")
+@pytest.mark.parametrize("part", ["memory", "target"])
+@pytest.mark.parametrize(
+    ("values", "method", "code"), [("00", "", 3), ("05", "", 0), ("00", "sampled", 0), (("", "0"), "", 3)]
+)
+def test_a_column_of_zeros_is_unknown_memory_unless_a_method_is_stated(
+    judge: Judge, part: str, values: Sequence[str], method: str, code: int
+) -> None:
+    header, *rows = judge.calls(judge.estimate.stamps_ns, peak="900000").read_text().splitlines()
+    of_call = [values[0], *[values[1]] * (len(rows) - 1)]
+    rows = [f"{row},{value},{method}" for row, value in zip(rows, of_call, strict=True)]
+    calls = judge.folder / "filled.csv"
+    calls.write_text("\n".join([f"{header},above_idle_bytes,memory_method", *rows]) + "\n")
+    options = ["--stats", calls] if part == "memory" else ["--target", "board", "--target-timing", calls]
+    result, _ = judge(*options, limits=f"{part}:\n  localisation_above_idle_bytes: 1000000\n")
+    assert result.code == code
 
 
 @pytest.mark.clause("4.2.2")

@@ -61,10 +61,7 @@ def score_calls(
     a node in a replay, its answers are counted instead (`answers_completeness`).
     """
     measurement_of = dict.fromkeys(CallKind, ON_HOST) if measured_by is None else measured_by
-    # a peak of 0 is unknown, because systems without the measurement report 0; above the idle process 0 is possible
-    peak = np.where(calls.peak_bytes > 0.0, calls.peak_bytes, np.nan)
-    above = np.where(np.isfinite(peak) | (calls.above_idle_bytes > 0.0), calls.above_idle_bytes, np.nan)
-    measured = replace(calls, peak_bytes=peak, above_idle_bytes=above)
+    measured = with_known_memory(calls)
     kinds = calls.kinds
     times: list[Figure] = []
     peaks: list[Figure] = []
@@ -90,6 +87,24 @@ def score_calls(
     method = calls.memory_method if has_memory(peaks) else METHOD_UNAVAILABLE
     records = CallRecords(clocks=clocks, memory_method=method)
     return CallsResult(figures=(*times, *peaks, *completeness), records=records, plots=plots)
+
+
+def with_known_memory(calls: Calls) -> Calls:
+    """Return calls whose unknown memory is NaN instead of 0.
+
+    Systems without the measurement report 0. A peak of 0 is therefore unknown. Other memory can be 0 in single calls.
+    It is unknown if it is 0 in all calls and the calls do not state how memory was measured. Memory above the idle
+    process is also unknown if it is 0 and the peak is unknown.
+    """
+    peak = np.where(calls.peak_bytes > 0.0, calls.peak_bytes, np.nan)
+    above = np.where(np.isfinite(peak) | (calls.above_idle_bytes > 0.0), calls.above_idle_bytes, np.nan)
+    others = {"above_idle_bytes": above, "heap_bytes": calls.heap_bytes, "stack_bytes": calls.stack_bytes}
+    if calls.memory_method is None:
+        others = {
+            name: values if values is None or (values > 0.0).any() else np.full_like(values, np.nan)
+            for name, values in others.items()
+        }
+    return replace(calls, peak_bytes=peak, **others)
 
 
 def has_memory(rows: Iterable[Figure]) -> bool:
