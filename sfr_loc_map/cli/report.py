@@ -22,9 +22,9 @@ from sfr_loc_map.cli.options import (
     refuse_others,
 )
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_suffix, claim_outputs, say, secondary_output, show, warn
-from sfr_loc_map.cli.verdict import conclude_all, say_deviations, write_junit
+from sfr_loc_map.cli.verdict import conclude_all, not_judged, say_deviations, write_junit
 from sfr_loc_map.configuration.parameters import build
-from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.errors import ConfigError, FailedVerdictError
 from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics.config import AlignedErrorConfig
 from sfr_loc_map.suffixes import HTML_SUFFIXES, suffix_of
@@ -129,7 +129,7 @@ def report(
 ) -> None:
     """Write a page of results: one score, a comparison of scores or of two suites, or a plot of trajectories.
 
-    The exit code is the verdict of the scores: 1 if a limit is missed, 3 if something could not be judged.
+    The exit code is the verdict of the scores or suites: 1 if a limit is missed, 3 if something could not be judged.
     """
     check_suffix(output, FORMATS)
     check_suffix(test_report, HTML_SUFFIXES)
@@ -154,7 +154,7 @@ def report(
             say_deviations(list(scores.values()), err=json_path == STANDARD_OUTPUT)
             conclude_all(scores, requires_common_verdict=has_documents, lenient=lenient)
         case ResultKind.SUITES:
-            _compare_suites(results, output, json_path)
+            _compare_suites(results, output, json_path, lenient=lenient)
         case ResultKind.TRAJECTORIES:
             settings = {"align": align, "max_difference": max_difference}
             config = build(AlignedErrorConfig, settings, origin="", called=option_names(context))
@@ -187,7 +187,7 @@ def _options_of(context: Context, kind: ResultKind) -> tuple[str, ...]:
         case ResultKind.SCORES:
             return (*OF_PAGE, *of_panels(context, DOCUMENTS), "lenient")
         case ResultKind.SUITES:
-            return OF_PAGE
+            return (*OF_PAGE, "lenient")
         case ResultKind.TRAJECTORIES:
             return ("results", "output", "overwrite", *of_panels(context, DRAWN))
 
@@ -315,20 +315,25 @@ def _compare_scores(paths: list[Path], scores: list[Score], page: Path | None, j
     show(result.to_dict(), json_path, shown)
 
 
-def _compare_suites(folders: list[Path], page: Path | None, json_path: str | None) -> None:
-    """Compare two suites over their common drives: better, worse, or no difference shown."""
+def _compare_suites(folders: list[Path], page: Path | None, json_path: str | None, *, lenient: bool) -> None:
+    """Compare two suites over their common drives: better, worse, or no difference shown.
+
+    As for scores, the error that is raised corresponds to the verdicts of both suites.
+    """
+    from sfr_loc_map.metrics.config import VerdictState
     from sfr_loc_map.report.page import render_overview
     from sfr_loc_map.report.summary import Banner
     from sfr_loc_map.suite.pages.tables import comparison_tables
     from sfr_loc_map.suite.statistics.comparison import compare_suites
     from sfr_loc_map.suite.statistics.summary import summarise
+    from sfr_loc_map.suite.statistics.verdict_texts import verdict_texts_of
     from sfr_loc_map.suite.store import Store
 
     if len(folders) != 2:
         what = "sfr suite report makes the page of one" if len(folders) == 1 else "sfr suite history takes several"
         raise ConfigError(f"{counted(len(folders), 'suite')} given: exactly two are compared; {what}")
     check_suffix(page, HTML_SUFFIXES)
-    reference, compared = (summarise(Store(folder)) for folder in folders)
+    summaries = reference, compared = [summarise(Store(folder)) for folder in folders]
     result = compare_suites(reference, compared, (str(folders[0]), str(folders[1])))
     tables = comparison_tables(result)
     if page is not None:
@@ -337,6 +342,17 @@ def _compare_suites(folders: list[Path], page: Path | None, json_path: str | Non
     else:
         propose("sfr", "suite", "history", *folders, why="when and where the figures got worse")
     show(result.to_dict(), json_path, tables)
+    failures: list[str] = []
+    reasons: list[str] = []
+    for folder, summary in zip(folders, summaries, strict=True):
+        outcome = verdict_texts_of(summary)
+        failures += [f"{folder}: {text}" for text in outcome.failures]
+        if summary.verdict is not VerdictState.PASS and summary.is_judged:
+            open_texts = (*outcome.without_result, *outcome.waiting, *outcome.incomplete, *outcome.undecided)
+            reasons += [f"{folder}: {text}" for text in open_texts]
+    if failures:
+        raise FailedVerdictError("; ".join(failures))
+    not_judged(reasons, lenient=lenient)
 
 
 def _draw(paths: list[Path], truth: Path | None, config: AlignedErrorConfig, page: Path | None) -> None:

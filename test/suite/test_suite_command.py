@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import subprocess
 from collections.abc import Iterator
 from dataclasses import replace
@@ -252,6 +253,15 @@ def missed(run_with_bad_drive: tuple[Path, Path]) -> Iterator[tuple[Path, Path]]
 def remove_bad_drive(suite: Path) -> None:
     content = yaml.safe_load(suite.read_text())
     suite.write_text(yaml.safe_dump(content | {"sources": content["sources"][:2]}))
+
+
+@pytest.mark.slow
+def test_the_comparison_of_suites_ends_with_their_verdict(sfr: Sfr, missed: tuple[Path, Path], tmp_path: Path) -> None:
+    _, out = missed
+    shutil.copytree(out, tmp_path / "other")
+    result = sfr("report", out, tmp_path / "other", "-o", tmp_path / "page.html")
+    assert result.code == 1
+    assert (tmp_path / "page.html").is_file()
 
 
 @pytest.mark.slow
