@@ -28,7 +28,7 @@ from sfr_loc_map.metrics.judging.incomplete import limits_missed_at_other_frames
 from sfr_loc_map.metrics.judging.limited import tasks_of
 from sfr_loc_map.metrics.judging.several_scores import other_recording
 from sfr_loc_map.metrics.score.caveats import caveats_of
-from sfr_loc_map.metrics.score.limits import COVERAGE_MIN, INDEPENDENT_FOR_VERDICT
+from sfr_loc_map.metrics.score.limits import COVERAGE_MIN, DEFAULT_TERMS, INDEPENDENT_FOR_VERDICT
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.report.settings import changed_settings, has_all_settings, setting_text
@@ -247,6 +247,14 @@ def _relaxed_limit(item: Verdict, score: Score) -> Iterator[str]:
     usual_coverage = 1.0 - strict["pixels_without_point_max_share"]
     if item.name == COVERAGE_MIN and item.limit < usual_coverage:
         yield f"The limits require {item.name} {exact_number(item.limit)}; the default is {usual_coverage:g}."
+    if (proof := item.proof) is None:
+        return
+    for name in ("prob", "confidence"):
+        used, usual = getattr(proof, name), getattr(DEFAULT_TERMS, name)
+        if used < usual:
+            yield f"The limits require {name} {exact_number(used)} for {item.name}; the default is {usual:g}."
+    if proof.normal:
+        yield f"The limits declare that the errors of {item.name} are normal, which the score does not prove."
 
 
 def _relaxed_rules(score: Score) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +19,8 @@ from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.tables.trajectory_writer import save_trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.metrics.stored.score_json import from_json
+from sfr_loc_map.report.deviations import deviations_of
 
 
 def test_deviations_are_found_by_comparison_with_the_document(judge: Judge) -> None:
@@ -42,6 +45,17 @@ def test_deviations_are_found_by_comparison_with_the_document(judge: Judge) -> N
         "<th>Independent</th>",
     ):
         assert said in text, said
+
+
+@pytest.mark.parametrize(
+    ("terms", "count"),
+    [("confidence: 0.95", 0), ("prob: 0.5", 1), ("confidence: 0.5", 1), ("prob: 0.9, normal: true", 2)],
+)
+def test_relaxed_terms_of_a_bound_are_deviations(judge: Judge, terms: str, count: int) -> None:
+    bound = f"position_bound_m: {{limit: 9, {terms}}}"
+    _, score = judge(limits=f"{FEW_INDEPENDENT}trajectory:\n  - {{condition: distance=5, {bound}}}\n")
+    found = [text for text in deviations_of(from_json(json.dumps(score), "")) if "position_bound_m" in text]
+    assert len(found) == count, found
 
 
 def test_other_ranges_of_coverage_are_a_deviation(tmp_path: Path, sfr: Sfr) -> None:
