@@ -105,7 +105,9 @@ class History:
     figures: Mapping[str, tuple[float | None, ...]]  #: Mean over the jobs of each night, by figure.
     #: Number of figures of the last night whose scatter is known, without the fraction of jobs without a result.
     tested: int
-    without_result: tuple[str, ...]  #: Planned jobs and sources of the last night that have no result.
+    without_result: tuple[
+        str, ...
+    ]  #: Jobs and sources without a result in the last night, which it or the night before had planned.
 
     @property
     def shortage(self) -> str:
@@ -167,8 +169,16 @@ def find_changes(nights: Sequence[Night]) -> History:
         changes=tuple(change for _, change in sorted(changes, key=itemgetter(0))),
         figures=series,
         tested=tested,
-        without_result=nights[-1].without_result,
+        without_result=(*nights[-1].without_result, *_no_longer_planned(nights[-1], *jobs_of_nights[-2:])),
     )
+
+
+def _no_longer_planned(
+    night: Night, before: Mapping[PairKey, NightJob], jobs: Mapping[PairKey, NightJob]
+) -> Iterator[str]:
+    """Yield the labels of the jobs of the night before that a night plans neither by their key nor by their label."""
+    planned = night.planned_labels
+    yield from (job.label for key, job in before.items() if key not in jobs and job.label not in planned)
 
 
 def _means_of_nights(values: FloatArray, scale: Scale) -> tuple[float | None, ...]:

@@ -39,12 +39,18 @@ class Night:
     jobs: Mapping[PairKey, NightJob]  #: The jobs with a result or a failure.
     time: str = ""  #: Time of the run, ISO 8601 in UTC; empty if unknown.
     waiting: tuple[str, ...] = ()  #: Labels of the jobs that were not run, and names of the refused sources.
+    not_run: tuple[str, ...] = ()  #: Labels of the jobs that were not required, because the limits were decided.
 
     @property
     def without_result(self) -> tuple[str, ...]:
         """Labels of the planned jobs without a result, and names of the refused sources."""
         failed = (job.label for job in self.jobs.values() if job.figures is None)
         return (*failed, *self.waiting)
+
+    @property
+    def planned_labels(self) -> set[str]:
+        """Labels of all planned jobs, and names of the refused sources."""
+        return {*(job.label for job in self.jobs.values()), *self.waiting, *self.not_run}
 
 
 def read_nights(folders: Sequence[Path]) -> list[Night]:
@@ -91,6 +97,7 @@ class _StoredSuite(msgspec.Struct, frozen=True, kw_only=True):
     time: str | None = None
     refusals: list[Refusal] = []
     waiting_jobs: list[str] = []
+    not_run: list[str] = []
     compared_figures: list[ComparedFigure]  #: The figure of each kind and displayed name.
 
 
@@ -112,6 +119,7 @@ def _read_night(folder: Path) -> Night:
             jobs=jobs,
             time=suite.time or "",
             waiting=(*suite.waiting_jobs, *(refusal.name for refusal in suite.refusals)),
+            not_run=tuple(suite.not_run),
         )
 
 

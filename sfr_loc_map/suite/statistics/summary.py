@@ -135,6 +135,7 @@ class Summary:
         named = ("verdict", *rows)
         parts = {name: to_plain(getattr(self, name)) for name in named}
         parts["waiting_jobs"] = [] if self.is_decided else list(self.waiting_jobs)
+        parts["not_run"] = list(self.not_run)
         head = {"schema": SCHEMA, "version": __version__, "code": self.code}
         head["counts"] = to_plain(self.counts)
         parts["compared_figures"] = to_plain(self.compared_figures)

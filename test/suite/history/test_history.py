@@ -344,6 +344,24 @@ def test_a_planned_job_without_a_result_in_the_last_night_is_worse(sfr: Sfr, tmp
     assert "drive 45" in done.err
 
 
+def test_a_drive_that_is_no_longer_planned_is_missing_unless_its_limits_were_decided(sfr: Sfr, tmp_path: Path) -> None:
+    """A drive with other data but the same label is not missing, nor is one that a sequential test did not require."""
+    folders = written(tmp_path, ["a" * 40] * 2, {ACCURACY: nights(2)[ACCURACY]})
+    path = folders[1] / "suite.json"
+    night = json.loads(path.read_text())
+    *others, last = night["results"]
+    for results, not_run, code in (
+        (others, [], 1),
+        (others, [last["label"]], 0),
+        ([*others, last | {"pairing": "other"}], [], 0),
+        ([*others, last | {"label": "other"}], [], 0),
+    ):
+        path.write_text(json.dumps(night | {"results": results, "not_run": not_run}))
+        done = sfr("suite", "history", *folders)
+        assert done.code == code, done.err
+        assert (f"last night: {last['label']}" in done.err) is (code == 1)
+
+
 def test_a_night_that_is_given_twice_is_refused(sfr: Sfr, tmp_path: Path) -> None:
     folders = written(tmp_path, ["a" * 40] * 2, {ACCURACY: nights(1)[ACCURACY].repeat(2, axis=1)})
     assert sfr("suite", "history", folders[0], folders[0] / ".." / folders[0].name).code == 2
