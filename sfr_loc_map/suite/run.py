@@ -185,10 +185,10 @@ def plan_run(specification: SuiteSpecification, store: Store, *, retry_failed: b
     """
     store.check_owner(specification.path)
     plan = make_plan(specification, store.cache, store.earlier_plan)
-    plan = struct_replace(plan, looks=looks_before(plan, store))
     wanted = (JobState.WAITING, JobState.FAILED) if retry_failed else (JobState.WAITING,)
     jobs = [job for job in plan.jobs if store.state(job) in wanted]
-    check_data_sets(jobs, specification.limits)
+    missing = check_data_sets(plan.jobs, jobs, specification.limits)
+    plan = struct_replace(plan, looks=looks_before(plan, store), refusals=(*plan.refusals, *missing))
     planned = PlannedRun(plan=plan, reader=ResultReader(store, specification.limits), jobs=jobs)
     if not jobs or not specification.settings.stop_when_decided:
         return planned

@@ -155,6 +155,19 @@ def test_drives_that_are_added_do_not_change_the_decision_of_a_sequential_test(
     assert decisions[0] == decisions[1]
 
 
+def test_a_part_of_the_data_set_that_the_limits_name_is_incomplete(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = run_here(made_suite(tmp_path / "made", 3), tmp_path / "all", monkeypatch)
+    provenances = [result.score.provenance for result in whole.results]
+    named = [item.inputs["truth"].data_set_sha256 for item in provenances if item is not None]
+    limits = LIMITS | {"data_set_sha256": named}
+    for drives, verdict in ((3, "pass"), (2, "incomplete")):
+        suite = made_suite(tmp_path / "made", drives, limits=limits)
+        summary = run_here(suite, tmp_path / f"out{drives}", monkeypatch)
+        assert (summary.verdict, len(summary.refusals)) == (verdict, 3 - drives)
+
+
 def test_a_score_of_other_files_is_refused(tmp_path: Path) -> None:
     """An estimate that was swapped between plan and job gives a score whose inputs are not those of the plan."""
     suite = made_suite(tmp_path, 2)
