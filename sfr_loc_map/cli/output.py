@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.tables.model import Table
 
 STANDARD_OUTPUT = "-"
+RESULT_SUFFIXES = (".json", ".xml")  #: Suffixes of results that other programs read: JSON and JUnit.
 
 
 def check_suffix(path: Path | None, suffixes: Collection[str]) -> None:
@@ -40,16 +41,21 @@ def claim_outputs(*outputs: Path | str | None, inputs: Iterable[Path | None] = (
 
     Raises OutputError if a file cannot be written. Noted files are named in the message after an interruption.
     Only `--json` can be standard output, and its value is a text; the path `-` is a file. An output must differ from
-    the inputs of the command and from the files of its sources.
+    the inputs of the command and from the files of its sources. With `overwrite`, results that exist are removed, so
+    that a command that fails does not leave the verdict of an earlier command.
     """
     given = {path.resolve() for path in inputs if path is not None}
     taken = dict.fromkeys(given, "it is also an input of this command")
+    results: list[Path] = []
     for path in (Path(item) for item in outputs if item is not None and item != STANDARD_OUTPUT):
         if reason := _why_not_writable(path, given, taken, overwrite=overwrite):
             raise OutputError(f"cannot write '{path}': {reason}")
         check_output(path)
         taken[path.resolve()] = "another output has this name"
         current_run().add_output(path)
+        results += [output_target(path)] if file_suffixes.suffix_of(path) in RESULT_SUFFIXES else []
+    for path in results:
+        path.unlink(missing_ok=True)
 
 
 def _why_not_writable(path: Path, inputs: set[Path], taken: Mapping[Path, str], *, overwrite: bool) -> str:

@@ -233,19 +233,21 @@ def score(
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
     from sfr_loc_map.io.source_config import with_truth_settings
     from sfr_loc_map.scoring.inputs import ScoreInputs
-    from sfr_loc_map.scoring.judgement import Judgement
+    from sfr_loc_map.scoring.judgement import Judgement, limits_file_of
     from sfr_loc_map.scoring.request import ScoreRequest
 
     found = ScoreInputs.of(estimate, truth, stats)
     _check_options(context, found, diagnose=diagnose)
     source_config = _configuration_of_truth(truth, config_file)
-    judgement = Judgement.of(limits, conditions, source_config.configuration)
     of_estimate, of_truth = columns_of(columns)
     configured = with_truth_settings(truth, source_config, parse_settings(settings), of_truth)
-    inputs = replace(found, columns=of_estimate, config=configured, limits=judgement.limits_file)
+    inputs = replace(
+        found, columns=of_estimate, config=configured, limits=limits_file_of(limits, source_config.configuration)
+    )
     inputs = _measured_on(inputs, target, target_timing, target_run)
     outputs = _Outputs(json_path, html, junit, points, pieces)
     outputs.claim((estimate, truth, *inputs.paths), overwrite=overwrite)
+    judgement = Judgement.of(limits, conditions, source_config.configuration)
     request = ScoreRequest.of(
         judgement.conditions,
         judgement.limits,

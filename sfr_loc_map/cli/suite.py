@@ -79,11 +79,11 @@ def run(
     from sfr_loc_map.suite.store import Store
 
     propose("sfr", "suite", "report", out, why="rebuilds the page from the results")
-    claim_outputs(json_path, junit, inputs=(suite,), overwrite=overwrite)
     _refuse_workers_of(context, scheduler)
     if dry_run:
         of_result = ("json_path", "junit", "mlflow", "lenient")
         refuse_given(context, of_result, "has no effect with --dry-run, which has no result: omit it")
+    claim_outputs(json_path, junit, inputs=(suite,), overwrite=overwrite)
     specification, store = load_specification(suite), Store(out)
     if dry_run:
         if _list_jobs(specification, store, workers, retry_failed=retry_failed):

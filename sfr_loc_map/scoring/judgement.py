@@ -31,19 +31,24 @@ class Judgement:
         `limits` is a limits file or its content. ConfigError for invalid limits, and for an invalid condition of the
         configuration.
         """
-        named, listed = config.sections.get("limits"), config.sections.get("conditions")
+        listed = config.sections.get("conditions")
         _check_conditions(config)
-        if limits is None and named:
-            limits = config.folder / named
         if isinstance(limits, Mapping):
             return cls(None, parse_limits(limits, "limits"), conditions or listed)
-        return cls(limits, None if limits is None else load_limits(limits), conditions or listed)
+        file = limits_file_of(limits, config)
+        return cls(file, None if file is None else load_limits(file), conditions or listed)
 
     @property
     def asked(self) -> tuple[Condition, ...]:
         """The conditions that the user named in options, in the configuration or in the limits."""
         of_limits = () if self.limits is None else self.limits.conditions
         return tuple(map(Condition.parse, (*(self.conditions or ()), *of_limits)))
+
+
+def limits_file_of(limits: Path | None, config: Configuration) -> Path | None:
+    """Return the given limits file, or else that of the configuration; None if there is none."""
+    named = config.sections.get("limits")
+    return config.folder / named if limits is None and named else limits
 
 
 def _check_conditions(config: Configuration) -> None:

@@ -146,6 +146,16 @@ def test_a_file_that_exists_is_refused(sfr: Sfr, made_once: MadeOnce, out: Path,
     assert {path.read_text() for path in out.iterdir()} == {"precious"}
 
 
+def test_a_failed_command_leaves_no_result_of_an_earlier_command(sfr: Sfr, out: Path, tum: Path) -> None:
+    """JSON and JUnit have a verdict. Refused names remove nothing."""
+    names = ("--json", out / "s.json", "--junit", out / "s.xml", "--limits", out / "absent.yaml", "--overwrite")
+    for html, left in ((tum, {"s.json", "s.xml", "s.html"}), (out / "s.html", {"s.html"})):
+        for name in ("s.json", "s.xml", "s.html"):
+            (out / name).write_text("verdict")
+        assert sfr("score", tum, tum, "--html", html, *names).code == 2
+        assert {path.name for path in out.iterdir()} == left
+
+
 def test_overwrite_replaces_a_file_and_standard_output_is_free(sfr: Sfr, out: Path, tum: Path) -> None:
     file = out / "s.json"
     file.write_text("old")
