@@ -98,13 +98,16 @@ def with_known_memory(calls: Calls) -> Calls:
     """
     peak = np.where(calls.peak_bytes > 0.0, calls.peak_bytes, np.nan)
     above = np.where(np.isfinite(peak) | (calls.above_idle_bytes > 0.0), calls.above_idle_bytes, np.nan)
-    others = {"above_idle_bytes": above, "heap_bytes": calls.heap_bytes, "stack_bytes": calls.stack_bytes}
-    if calls.memory_method is None:
-        others = {
-            name: values if values is None or (values > 0.0).any() else np.full_like(values, np.nan)
-            for name, values in others.items()
-        }
-    return replace(calls, peak_bytes=peak, **others)
+    known = replace(calls, peak_bytes=peak, above_idle_bytes=above)
+    if calls.memory_method is not None:
+        return known
+    heap, stack = (None if values is None else _unless_zero(values) for values in (calls.heap_bytes, calls.stack_bytes))
+    return replace(known, above_idle_bytes=_unless_zero(above), heap_bytes=heap, stack_bytes=stack)
+
+
+def _unless_zero(values: FloatArray) -> FloatArray:
+    """Return memory of calls, NaN if none of it exceeds 0."""
+    return values if (values > 0.0).any() else np.full_like(values, np.nan)
 
 
 def has_memory(rows: Iterable[Figure]) -> bool:

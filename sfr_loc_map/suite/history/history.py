@@ -13,7 +13,7 @@ A job is a source with its task, faults, configuration and repeat, which each ni
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from operator import attrgetter, itemgetter
 
