@@ -51,8 +51,8 @@ def verdicts_over(
 ) -> Iterator[GroupVerdict]:
     """Yield the verdicts over drives with equal settings: first those without a limit, then one for each limit.
 
-    `next_drive` is the place of the first drive without a result. `suite_items` is the number of items under test of the
-    suite if the suite does not declare all of them; otherwise 0.
+    `next_drive` is the place of the first drive without a result. `suite_items` is the number of items under test of
+    the suite if the suite does not declare all of them; otherwise 0.
     """
     yield from _verdicts_without_limit(results, suite_items)
     if limits is None:
