@@ -139,6 +139,7 @@ class AnyOrder(Generic[T]):
         self._begin([])
 
     def _begin(self, stamps_ns: list[int]) -> None:
+        self.repeated = 0  #: Number of dropped items whose stamp was received earlier in the run, if `is_once`.
         self._stamps_ns = array("q", stamps_ns)  # accepted stamps of the run, sorted; 8 bytes each
         self._before_run: list[tuple[int, T]] = []  # items that wait to join the run, sorted by stamp
         self._other_time: list[_OtherTime[T]] = []  # consecutive items that may begin or continue a run
@@ -163,6 +164,7 @@ class AnyOrder(Generic[T]):
             self._end_other_time()
             if self._is_once and self._was_received(stamp_ns):
                 self._dropped += 1
+                self.repeated += 1
                 return [], False
             return self._accept(stamp_ns, item), False
         first_ns = self._stamps_ns[0]
@@ -243,6 +245,10 @@ class CommonRuns(Generic[T]):
     def strays(self) -> int:
         """Number of items dropped so far because of their stamps."""
         return sum(order.strays for order in self._orders.values())
+
+    def repeated(self, source: str) -> int:
+        """Return the number of dropped items of a source whose stamp was received earlier in the present run."""
+        return self._orders[source].repeated
 
     def restart(self) -> None:
         """Forget all items; the next item begins a run."""

@@ -185,4 +185,4 @@ def test_a_repeated_stamp_is_dropped_and_counted_where_each_stamp_occurs_once() 
             accepted, begins_run = runs.add(source, RUN[0], item)
             assert not begins_run
             assert accepted == ([] if (source, item) == ("truth", "again") else [item])
-    assert runs.strays == 1
+    assert (runs.strays, runs.repeated("truth"), runs.repeated("estimate")) == (1, 1, 0)

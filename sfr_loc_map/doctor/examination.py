@@ -148,6 +148,9 @@ def _missing(seen: Observation, name: str, topic: ObservedTopic | None) -> Issue
     hint = "or name it with --remap FOUND:=EXPECTED"
     if where.endswith(RECTIFIED) and where.removesuffix(RECTIFIED) + RAW in seen.others:
         hint = f"or set input.rectify of the node: {RAW} exists"
+    root = f"/{name}"
+    if where != root and root in seen.others:
+        hint = f"or start the node without its namespace: {root} exists"
     fix = f"publish or record it, {hint}"
     if seen.is_live:
         return replace(silence_of(where, allowed_types(name), ()), fix=fix)

@@ -458,6 +458,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             missed_estimates=self._missed_estimates,
             publisher_changes={name: len(found) - 1 for name, found in self._senders.items() if len(found) > 1},
             is_truth_of_item=self._is_truth_of_item,
+            repeated_truth=self._runs.repeated(TRUTH),
             provenance=made,
         )
         return self._score.result(live)

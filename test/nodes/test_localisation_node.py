@@ -368,6 +368,31 @@ def test_a_node_that_waits_names_the_topics_that_it_was_given(ros: None, capfd: 
         assert "/loc/left/image_rect" not in node.text.partition("Waiting for")[2]
 
 
+@pytest.mark.parametrize(
+    ("namespace", "published", "words"),
+    [
+        ("/rover", "/loc/left/image_rect", "without its namespace"),
+        ("/", "/loc/left/image_raw", "input.rectify to true"),
+        ("/", "/loc/left/image_raw/compressed", "input.rectify to true"),
+    ],
+)
+def test_a_node_that_waits_names_a_similar_topic(
+    ros: None, capfd: Capture, namespace: str, published: str, words: str
+) -> None:
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT, "-r", f"__ns:={namespace}") as node:
+        peer.node.create_publisher(CompressedImage if "compressed" in published else Image, published, 1)
+        peer.until(lambda: words in node.node.waits_for(), words)
+
+
+@pytest.mark.parametrize("topic", ["image_rect", "camera_info"])
+def test_one_topic_for_both_cameras_is_refused(ros: None, topic: str) -> None:
+    rule = f"loc/right/{topic}:=/loc/left/{topic}"
+    node = LocalisationNode(cli_args=["--ros-args", *MOUNT, "-r", rule], use_global_arguments=False)
+    with pytest.raises(ConfigError, match="both remapped"):
+        node.start()
+    node.destroy_node()
+
+
 def test_a_camera_info_that_was_published_once_is_received(ros: None, capfd: Capture) -> None:
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     with Manager() as peer:

@@ -75,7 +75,7 @@ class Endpoints:
         `of_one_publisher` states whether the messages of several publishers must not be mixed (`doubled`).
         Parameters `qos_overrides.TOPIC.subscription.POLICY` override the quality of service.
         """
-        full_name = resolved_name(self._node, topic)
+        full_name = self.full_name(topic)
         prefix = f"qos_overrides.{full_name}.subscription."
         incompatible = self._warning(
             f"a publisher of {full_name} offers weaker {{}} than this node requests, so nothing is received from "
@@ -122,9 +122,13 @@ class Endpoints:
         )
         self.active.callback(self._node.destroy_subscription, subscription)
 
+    def full_name(self, topic: str) -> str:
+        """Return the full name of a topic to which the node subscribes, given by its relative name."""
+        return resolved_name(self._node, topic)
+
     def publishers(self, topic: str) -> tuple[Publisher, ...]:
         """Return the publishers of a topic, given by its relative name."""
-        return publishers_of(self._node, resolved_name(self._node, topic))
+        return publishers_of(self._node, self.full_name(topic))
 
     def doubled(self) -> list[Issue]:
         """Return an issue for each topic that requires one publisher, but has several now."""

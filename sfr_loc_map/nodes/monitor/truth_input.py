@@ -11,7 +11,7 @@ from typing import Any, Protocol
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from sfr_loc_map.errors import ConfigError, InputError
+from sfr_loc_map.errors import ConfigError, SfrError
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag.frames import FrameSeries, PoseRow, chain_above, chain_poses, pose_row
 from sfr_loc_map.io.truth.messages import TRUTH_TYPES, UNKNOWN, TrueRow, TruthReader
@@ -163,11 +163,11 @@ class TopicTruthInput(TruthInput):
             def received(message: Any) -> None:  # noqa: ANN401 - of any type in TRUTH_TYPES
                 try:
                     rows = reader.rows(message)
-                except InputError as error:
+                    self._unusable = _unusable(rows)
+                    add(rows)
+                except SfrError as error:
                     self._unusable = str(error)
                     raise
-                self._unusable = _unusable(rows)
-                add(rows)
 
             return add_subscription(message_type(msgtype), TRUE_POSES, received, qos)
 

@@ -59,9 +59,8 @@ def _silence(node: Node, item: Input, *, transport_works: bool) -> Issue:
         publishers = publishers_of(node, topic)
         requested = Reliability(item.reliability)
         issue = silence_of(topic, (type_name(kind),), publishers, requested, transport_works=transport_works)
-        if not publishers and (other := _other_kind(node, topic)):
-            rectify = "true" if other == RAW else "false"
-            issue = replace(issue, fix=f"set the parameter input.rectify to {rectify}: {other} is published")
+        if not publishers:
+            issue = replace(issue, fix=_fix_by_other_topic(node, name, topic) or issue.fix)
         found.append(issue)
         if is_remapped(node, name):
             remapped.append(found[-1])
@@ -69,12 +68,19 @@ def _silence(node: Node, item: Input, *, transport_works: bool) -> Issue:
     return (published or remapped or found)[0]
 
 
-def _other_kind(node: Node, topic: str) -> str:
-    """Return which images are published beside a topic without a publisher: raw, rectified, or none (empty)."""
-    camera, _, name = topic.removesuffix(COMPRESSED_END).rpartition("/")
-    other = {RECTIFIED: RAW, RAW: RECTIFIED}.get(name, "")
-    beside = (f"{camera}/{other}", f"{camera}/{other}{COMPRESSED_END}") if other else ()
-    return other if any(map(node.count_publishers, beside)) else ""
+def _fix_by_other_topic(node: Node, name: str, topic: str) -> str:
+    """Return the fix of a topic without a publisher if a similar topic is published; empty if there is none.
+
+    A similar topic has the images of the other kind (raw or rectified), or lacks the namespace of the node.
+    """
+    camera, _, kind = topic.removesuffix(COMPRESSED_END).rpartition("/")
+    other = {RECTIFIED: RAW, RAW: RECTIFIED}.get(kind)
+    if other and any(map(node.count_publishers, (f"{camera}/{other}", f"{camera}/{other}{COMPRESSED_END}"))):
+        return f"set the parameter input.rectify to {str(other == RAW).lower()}: {other} is published"
+    root = f"/{name}"
+    if topic != root and node.count_publishers(root):
+        return f"start the node without its namespace, or remap it (sfr run -r {name}:={root}): {root} is published"
+    return ""
 
 
 def type_name(kind: type[Any]) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from sfr_loc_map.configuration.parameters import param
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.io.calibration.projections import long_baseline
 from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_infos
@@ -161,8 +161,9 @@ class StereoInput:
     def subscribe(self) -> None:
         """Subscribe to images and camera_info of both cameras.
 
-        The cameras may differ from those of the last activation.
+        The cameras may differ from those of the last activation. ConfigError if a topic is that of both cameras.
         """
+        self._check_remapping()
         self._forget_cameras()
         add_subscription = self._endpoints.add_subscription
         qos = profile(self._config.reliability, self._config.queue_depth)
@@ -174,6 +175,13 @@ class StereoInput:
                 remove = add_subscription(kind, f"{stem}/{name}", partial(self._receive_image, side, gaps), qos)
                 if kind is CompressedImage:
                     self._remove_compressed[side] = remove
+
+    def _check_remapping(self) -> None:
+        for name in ("camera_info", *self._images):
+            left, right = (f"{self._name}/{side}/{name}" for side in SIDES)
+            topic = self._endpoints.full_name(left)
+            if topic == self._endpoints.full_name(right):
+                raise ConfigError(f"{left} and {right} are both remapped to {topic}: remap each to its own camera")
 
     def counts(self) -> dict[str, int]:
         """Return the numbers of dropped images and pairs by cause, since the node was configured."""

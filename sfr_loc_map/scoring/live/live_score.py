@@ -49,6 +49,7 @@ class LiveRun:
     publisher_changes: Mapping[str, int] = field(default_factory=dict)
     #: Whether a process that published the estimates also published the ground truth.
     is_truth_of_item: bool = False
+    repeated_truth: int = 0  #: Number of true poses that were dropped because another one has their stamp.
     provenance: Provenance | None = None  #: Provenance of the score.
 
     @property
@@ -120,6 +121,12 @@ def _with_transport(calls: CallsResult, live: LiveRun, messages: int) -> CallsRe
         )
         calls = replace(calls, caveats=(*calls.caveats, text))
     calls = replace(calls, caveats=(*calls.caveats, *_publisher_caveats(live)))
+    if live.repeated_truth:
+        text = (
+            f"true poses with the stamp of another one are ignored (number: {live.repeated_truth}): stamp each true "
+            "pose with the time of its measurement"
+        )
+        calls = replace(calls, caveats=(*calls.caveats, text))
     if not messages and not live.dropped and not live.restarts:
         return calls
     changes = sum(live.publisher_changes.values())

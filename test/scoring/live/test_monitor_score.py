@@ -507,3 +507,9 @@ def test_a_truth_that_is_the_estimate_or_does_not_move_is_reported(
     text = " ".join(monitor.result().warnings)
     assert ("equal those of the ground truth" in text) == is_copy
     assert ("the ground truth moves by 0 m" in text) == is_stationary
+
+
+def test_a_score_of_repeated_true_poses_has_a_caveat() -> None:
+    monitor = MonitorScore(ScoreConfig(), None)
+    score = monitor.result(LiveRun(repeated_truth=7))
+    assert any("(number: 7)" in text for text in score.caveats)
