@@ -8,7 +8,7 @@ subscription and are not latched, or because a container has a separate /dev/shm
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -18,6 +18,7 @@ from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.message_types import COMPRESSED, IMAGE
 
 MUCH_LOST = 0.1  #: Fraction of lost messages above which the transport is probably not configured for large messages.
+UNKNOWN_NAME = "of unknown name"  #: Name of a node that is not discovered, in messages.
 COMPARABLE_NS = 60 * NS_PER_S
 """Largest difference between two clocks whose times are compared, ns. With a played recording, or on a host whose clock
 is not set, the difference is larger."""
@@ -47,11 +48,11 @@ def silence_of(
     publishers: Sequence[Publisher],
     requested: Reliability = Reliability.BEST_EFFORT,
     *,
-    transport_works: bool = False,
+    heard: Collection[str] = (),
 ) -> Issue:
     """Return why no message of one of the wanted types is received on a topic, and the fix.
 
-    `transport_works` states whether other messages are or were received, so that the transport is not the reason.
+    `heard` are the nodes from which other messages are received, so that the transport is not the reason.
     """
     if not publishers:
         fix = "start the publisher, or remap its topic (sfr run -r EXPECTED:=FOUND)"
@@ -69,7 +70,7 @@ def silence_of(
         return Issue(Cause.QOS, topic, text, fix)
     text = f"the publisher {names} exists, but no message was received"
     fix = "check whether the publisher sends messages; "
-    if transport_works:
+    if any(publisher.node in heard and publisher.node != UNKNOWN_NAME for publisher in of_type):
         fix += "a message that was sent before the subscription is received only if it is latched (transient_local)"
     else:
         fix += "a container with --net=host also requires --ipc=host to share /dev/shm"

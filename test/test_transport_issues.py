@@ -6,7 +6,7 @@ import pytest
 
 from sfr_loc_map.issues import Cause
 from sfr_loc_map.message_types import COMPRESSED, IMAGE
-from sfr_loc_map.transport_issues import Publisher, Reliability, silence_of
+from sfr_loc_map.transport_issues import UNKNOWN_NAME, Publisher, Reliability, silence_of
 
 BEST_EFFORT, RELIABLE = Reliability.BEST_EFFORT, Reliability.RELIABLE
 CASES = {
@@ -27,10 +27,18 @@ def test_one_reason_is_reported(case: str) -> None:
     assert found.fix
 
 
-def test_a_silent_topic_beside_topics_that_arrive_is_not_blamed_on_the_transport() -> None:
-    publishers = (Publisher("/camera", IMAGE),)
-    alone, beside_others = (
-        silence_of("/loc/left/image_rect", (IMAGE,), publishers, transport_works=works) for works in (False, True)
-    )
-    assert alone.cause is beside_others.cause is Cause.SILENT
-    assert ("/dev/shm" in alone.fix, "/dev/shm" in beside_others.fix) == (True, False)
+@pytest.mark.parametrize(
+    ("node", "heard", "is_transport"),
+    [
+        ("/camera", (), True),
+        ("/camera", ("/other",), True),
+        ("/camera", ("/camera",), False),
+        (UNKNOWN_NAME, (UNKNOWN_NAME,), True),
+    ],
+)
+def test_a_silent_publisher_from_which_messages_are_received_is_not_blamed_on_the_transport(
+    node: str, heard: tuple[str, ...], is_transport: bool
+) -> None:
+    found = silence_of("/loc/left/image_rect", (IMAGE,), (Publisher(node, IMAGE),), heard=heard)
+    assert found.cause is Cause.SILENT
+    assert ("/dev/shm" in found.fix) == is_transport

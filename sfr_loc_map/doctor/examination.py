@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -136,7 +136,8 @@ def _topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Issues:
     if topic is None or not topic.is_published:
         yield _missing(seen, name, topic)
         return
-    issue = _silence(name, topic, transport_works=any(other.messages for other in seen.topics.values()))
+    heard = {p.node for other in seen.topics.values() if other.messages for p in other.publishers or ()}
+    issue = _silence(name, topic, heard)
     is_silent = not topic.messages and not seen.is_idle(name.partition("/")[0])
     if is_silent or issue.cause in (Cause.WRONG_TYPE, Cause.QOS):
         yield issue
@@ -157,14 +158,14 @@ def _missing(seen: Observation, name: str, topic: ObservedTopic | None) -> Issue
     return Issue(Cause.NO_TOPIC, where, "the topic is not in the bag", fix)
 
 
-def _silence(name: str, topic: ObservedTopic, *, transport_works: bool = False) -> Issue:
+def _silence(name: str, topic: ObservedTopic, heard: Collection[str] = ()) -> Issue:
     """Return why no message of a topic is received, by the doctor or by a node that requests more reliability."""
     if topic.publishers is None:
         return _silence_in_recording(topic, allowed_types(name))
     strict = Reliability.RELIABLE in topic.requests.values()
     requested = Reliability.RELIABLE if strict else Reliability.BEST_EFFORT
     wanted = allowed_types(name)
-    return silence_of(topic.source_name, wanted, topic.publishers, requested, transport_works=transport_works)
+    return silence_of(topic.source_name, wanted, topic.publishers, requested, heard=heard)
 
 
 def _silence_in_recording(topic: ObservedTopic, wanted: tuple[str, ...]) -> Issue:

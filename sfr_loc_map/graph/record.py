@@ -101,9 +101,11 @@ class _Recorder(Peer):
     def silences(self) -> list[str]:
         """Return, for each recorded topic without messages, why none was received."""
         found = []
+        publishers = {name: publishers_of(self.ros_node, name) for name in self.message_counts}
+        heard = {item.node for name, gaps in self.message_counts.items() if gaps.count for item in publishers[name]}
         for name, gaps in self.message_counts.items():
             if not gaps.count:
-                silence = silence_of(name, self._types[name], publishers_of(self.ros_node, name))
+                silence = silence_of(name, self._types[name], publishers[name], heard=heard)
                 found.append(f"no message of {name}: {silence.text}; {silence.fix}")
         return found
 

@@ -8,7 +8,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from sfr_loc_map.topics import COMPRESSED_END
-from sfr_loc_map.transport_issues import Publisher, Reliability
+from sfr_loc_map.transport_issues import UNKNOWN_NAME, Publisher, Reliability
 
 PARTICIPANT_BYTES = 12
 """Number of first bytes of a global id that identify the DDS participant, of which a process of ROS has one (DDSI-RTPS
@@ -60,7 +60,7 @@ def participants_of(node: Node, topic: str) -> set[tuple[int, ...]]:
 def node_of(info: Any) -> str:  # noqa: ANN401 - rclpy's TopicEndpointInfo
     """Return the node name of a publisher or subscription, with its namespace."""
     name = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
-    return "of unknown name" if info.node_name == UNKNOWN_NODE else name
+    return UNKNOWN_NAME if info.node_name == UNKNOWN_NODE else name
 
 
 def reliability_of(info: Any) -> Reliability:  # noqa: ANN401 - rclpy's TopicEndpointInfo

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -34,8 +34,14 @@ def missing_input(node: Node, inputs: Sequence[Input], *, has_received: bool) ->
 
     `has_received` states whether the node has received its inputs earlier.
     """
-    transport_works = has_received or any(item.received for item in inputs)
-    found = [_silence(node, item, transport_works=transport_works) for item in inputs if not item.received]
+    heard = {
+        publisher.node
+        for item in inputs
+        if item.received or has_received
+        for name in item.topics
+        for publisher in publishers_of(node, resolved_name(node, name))
+    }
+    found = [_silence(node, item, heard) for item in inputs if not item.received]
     if not found:
         return ""
     cause = min((issue.cause for issue in found), key=ORDER.index)
@@ -47,8 +53,8 @@ def missing_input(node: Node, inputs: Sequence[Input], *, has_received: bool) ->
     return f"Waiting for {'; '.join(parts)}; {MORE}"
 
 
-def _silence(node: Node, item: Input, *, transport_works: bool) -> Issue:
-    """Return why an input receives no messages on any of its topics.
+def _silence(node: Node, item: Input, heard: Collection[str]) -> Issue:
+    """Return why an input receives no messages on any of its topics; `heard` are the nodes that are received.
 
     The reason belongs to the first topic that has a publisher. If no topic has a publisher, the reason belongs to the
     first remapped topic, or without remapping to the first topic.
@@ -58,7 +64,7 @@ def _silence(node: Node, item: Input, *, transport_works: bool) -> Issue:
         topic = resolved_name(node, name)
         publishers = publishers_of(node, topic)
         requested = Reliability(item.reliability)
-        issue = silence_of(topic, (type_name(kind),), publishers, requested, transport_works=transport_works)
+        issue = silence_of(topic, (type_name(kind),), publishers, requested, heard=heard)
         if not publishers:
             issue = replace(issue, fix=_fix_by_other_topic(node, name, topic) or issue.fix)
         found.append(issue)
