@@ -135,6 +135,7 @@ class Truth(Trajectory):
     has_tilt: bool = True  #: Whether roll and pitch are known; otherwise only the heading is known.
     read_from: str = ""  #: File or topic that the trajectory was read from.
     declared: tuple[str, ...] = ()  #: Settings `truth.NAME=VALUE` that changed the poses when the file was read.
+    findings: tuple[str, ...] = ()  #: Findings about impossible poses and jumps.
 
 
 def as_truth(trajectory: Trajectory) -> Truth:

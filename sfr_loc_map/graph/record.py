@@ -17,6 +17,7 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.recorder import BagRecorder
+from sfr_loc_map.message_types import COMPRESSED, IMAGE
 from sfr_loc_map.ros import environment
 from sfr_loc_map.ros.messages import message_type
 from sfr_loc_map.ros.peer import Peer
@@ -28,6 +29,7 @@ from sfr_loc_map.transport_issues import silence_of
 
 DEPTH = 200  #: Queue depth of a recorded topic: 2 s of a topic of 100 Hz, for example of an IMU.
 DISCOVERY_PERIOD_S = 0.25  #: Period of the search for new topics, s.
+OTHER_IMAGES_S = 3.0  #: Time after which topics with images are reported if none of them is recorded, s.
 FLUSH_PERIOD_S = 0.5
 """Period at which messages are written to disk, s. A crash loses at most the messages of a period."""
 
@@ -83,6 +85,7 @@ class _Recorder(Peer):
         chosen = options.topics or names(recorded=True)
         self._wanted = {name if name.startswith("/") else prefix + name for name in chosen}
         self._known: set[str] = set()
+        self._search_images_until_s = time.monotonic() + OTHER_IMAGES_S
         self._types: dict[str, tuple[str, ...]] = {}
 
     def discover(self, bag: BagRecorder) -> None:
@@ -97,6 +100,18 @@ class _Recorder(Peer):
             if infos and not any(map(self.ros_node.count_publishers, rectified)):
                 self._known.add(name)
                 self._subscribe(bag, name, types[0], infos)
+        if time.monotonic() > self._search_images_until_s:
+            self._search_images_until_s = math.inf
+            self._report_other_images()
+
+    def _report_other_images(self) -> None:
+        """Report the topics with images if none of them is recorded, because their names are not those of the suite."""
+        types = dict(self.ros_node.get_topic_names_and_types())
+        images = [name for name in sorted(types) if {IMAGE, COMPRESSED} & set(types[name])]
+        images = [name for name in images if self.ros_node.count_publishers(name)]
+        chosen = self._options.topics or self._options.everything
+        if images and not chosen and self._known.isdisjoint(images):
+            self._say(f"no images are recorded: topics with images are {', '.join(images)}; name topics, or give --all")
 
     def silences(self) -> list[str]:
         """Return, for each recorded topic without messages, why none was received."""

@@ -112,11 +112,18 @@ class SampleDepth:
     def __init__(self, report: Callable[[str], object], name: str, bits: int = 0) -> None:
         """`report` is called with the detected depth of the images of `name`. A `bits` above 0 fixes the depth."""
         self.bits = bits
+        self._reported_bits = bits  # largest depth of the samples that was reported, if the depth is given
         self._report, self._name, self._is_given = report, name, bits > 0
 
     def grey(self, *images: Samples) -> list[GreyImage]:
         """Return the images of a pair as 8-bit grey."""
         found = max(image.bits for image in images)
+        if found > self._reported_bits and self._is_given:
+            self._reported_bits = found
+            self._report(
+                f"images of '{self._name}' have samples of {found} bits, but a depth of {self.bits} bits is given: "
+                "brighter samples are saturated; correct input.sample_bits"
+            )
         if found > self.bits and not self._is_given:
             has_changed = self.bits > 0
             self.bits = found

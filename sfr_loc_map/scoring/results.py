@@ -16,6 +16,7 @@ from msgspec.structs import replace as struct_replace
 from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.trajectory import as_truth
 from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK
 from sfr_loc_map.metrics.calls.call_score import STATED_BY_NODE, Measurement, score_calls, score_target, with_external
 from sfr_loc_map.metrics.calls.calls import KINDS_OF, concatenated
@@ -88,7 +89,8 @@ def trajectory_result(
     warnings += _sparse_truth(drive, scored.association)
     warnings += placeholder_warnings(drive.estimates.trajectory, drive.truth)
     warnings += truth_caveats(scored.truth)
-    caveats = (*drive.caveats, *_uneven_estimates(drive, scored.association))
+    about_truth = (f"ground truth: {text}" for text in as_truth(drive.truth).findings)
+    caveats = (*drive.caveats, *about_truth, *_uneven_estimates(drive, scored.association))
     contradiction = finding.text if finding is not None and finding.prevents_verdict else None
     return replace(scored, warnings=tuple(warnings), caveats=caveats, contradiction=contradiction)
 

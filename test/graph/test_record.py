@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 import rclpy
 from rclpy.context import Context
+from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
 from sfr_loc_map.errors import NodeError
@@ -19,10 +20,14 @@ TOPIC = "/bookmark"
 
 
 def publish(done: Event) -> None:
-    """Publish with one publisher, then alternately with a second one that starts to number its messages at 1."""
+    """Publish with one publisher, then alternately with a second one that starts to number its messages at 1.
+
+    Images are offered under a name that is not of the suite.
+    """
     context = Context()
     rclpy.init(context=context)
     node = rclpy.create_node("talker", context=context)
+    node.create_publisher(Image, "/zed/left/image_rect", 1)
     publishers = [node.create_publisher(String, TOPIC, 100)]
     for number in range(1000):
         publishers[number % len(publishers)].publish(String())
@@ -34,18 +39,23 @@ def publish(done: Event) -> None:
     rclpy.try_shutdown(context=context)
 
 
-def test_messages_of_a_second_publisher_are_no_losses(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("topics", "is_reported"), [((TOPIC,), False), ((), True)])
+def test_messages_of_a_second_publisher_are_no_losses_and_images_of_other_names_are_reported(
+    tmp_path: Path, own_domain: None, topics: tuple[str, ...], is_reported: bool
+) -> None:
+    said: list[str] = []
     done = Event()
     talker = Thread(target=publish, args=(done,))
     talker.start()
     try:
         time.sleep(0.5)
-        counts = record(tmp_path / "bag", RecordOptions((TOPIC,), duration_s=5.0), print)
+        counts = record(tmp_path / "bag", RecordOptions(topics, duration_s=5.0), said.append)
     finally:
         done.set()
         talker.join()
     assert counts[TOPIC].count > 110, "the second publisher was recorded"
     assert counts[TOPIC].lost == 0
+    assert any("/zed/left/image_rect" in text for text in said) == is_reported
 
 
 @pytest.mark.parametrize("duration_s", [0.1, 0.25, 0.6, 3.0])

@@ -184,6 +184,11 @@ def test_samples_of_any_depth_use_the_range_of_grey(bits: int, coding: str) -> N
     assert depth.bits == bits
     assert len(said) == (bits < 16)
     assert SampleDepth(said.append, "loc", 16).grey(found)[0].max() <= 2 ** (bits - 8)
+    said.clear()
+    given = SampleDepth(said.append, "loc", 8)
+    for _ in range(2):
+        given.grey(found)
+    assert len(said) == (bits > 8), "saturated samples are reported once"
 
 
 def test_the_depth_of_samples_only_grows_and_is_that_of_both_images() -> None:

@@ -58,6 +58,7 @@ def truth_of_rb(
         has_tilt=checked.has_tilt or not has_attitude,
         read_from=recorded.read_from,
         declared=(*recorded.selected_by, *config.declared),
+        findings=checked.findings,
     )
 
 

@@ -214,6 +214,7 @@ class CheckedTruth:
     recorded: RecordedTruth  #: The possible poses, without attitudes that are placeholders, unknown or not to be used.
     has_height: bool = True  #: Whether z is known.
     has_tilt: bool = True  #: Whether roll and pitch are known.
+    findings: tuple[str, ...] = ()  #: Findings about impossible poses and jumps.
 
 
 def check_poses(
@@ -234,6 +235,7 @@ def check_poses(
         if 0.0 < has_no_height.mean() <= MOST:
             kept &= ~has_no_height
             findings = (*findings, f"{_of(has_no_height)} positions have no height: ignored")
+    about_poses = findings
     if not kept.all():
         recorded = recorded.where(kept)
     if attitude == "auto" and has_constant_attitude(recorded.poses):
@@ -254,7 +256,7 @@ def check_poses(
         raise InputError(f"{name} has no attitudes:", "set truth.attitude to auto or no")
     if attitude == "no" or (attitude == "auto" and not has_known_attitude(recorded)):
         recorded = recorded.without_attitudes()
-    return CheckedTruth(recorded, has_height, has_tilt)
+    return CheckedTruth(recorded, has_height, has_tilt, about_poses)
 
 
 def known_components(recorded: RecordedTruth) -> tuple[bool, bool]:

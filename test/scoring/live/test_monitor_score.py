@@ -509,6 +509,16 @@ def test_a_truth_that_is_the_estimate_or_does_not_move_is_reported(
     assert ("the ground truth moves by 0 m" in text) == is_stationary
 
 
+def test_a_jump_of_the_truth_is_a_caveat_of_the_score() -> None:
+    monitor = MonitorScore(ScoreConfig(), None)
+    for index in range(60):
+        position = np.array([0.05 * index, 0.002 * index, 0.0])
+        jumped = position + (20.0 if index >= 30 else 0.0)
+        monitor.add_estimate(10**18 + index * 10**9, position, (0.0, 0.0, 0.0, 1.0), None)
+        monitor.add_truth(10**18 + index * 10**9, jumped, (0.0, 0.0, 0.0, 1.0))
+    assert any("jump" in text for text in monitor.result().caveats)
+
+
 def test_a_score_of_repeated_true_poses_has_a_caveat() -> None:
     monitor = MonitorScore(ScoreConfig(), None)
     score = monitor.result(LiveRun(repeated_truth=7))
