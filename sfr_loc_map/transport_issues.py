@@ -90,7 +90,8 @@ def doubled_publishers(topic: str, publishers: Sequence[Publisher]) -> Issue | N
         return None
     names = ", ".join(sorted(publisher.node for publisher in publishers))
     text = f"{len(publishers)} publishers ({names})"
-    return Issue(Cause.SEVERAL_PUBLISHERS, topic, text, "stop all but one", is_blocking=False)
+    fix = "stop all but one (a killed node stays visible for up to 20 s)"
+    return Issue(Cause.SEVERAL_PUBLISHERS, topic, text, fix, is_blocking=False)
 
 
 def _fix_of_type(topic: str, wanted: Sequence[str], found: str) -> str:

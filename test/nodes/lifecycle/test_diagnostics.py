@@ -46,6 +46,7 @@ def test_problems_that_differ_in_their_numbers_are_one_and_another_kind_is_logge
     for stamp in range(3):
         reporter.error(f"image of stamp {stamp} is too small")
     reporter.error("the calibration is empty")
+    reporter.publish_health()
     node.destroy_node()
     texts = [array.status[0].message for array in taken if array.status[0].name.endswith("health")]
     assert texts[-1] == "the calibration is empty; image of stamp 2 is too small"
