@@ -293,7 +293,7 @@ MUTATIONS = (
     Mutation(EXPECTED_ITEMS, "np.isfinite(measured)", "~np.isinf(measured)"),
     Mutation(EXPECTED_ITEMS, "counts[~is_of_drive].sum()", "(~is_of_drive).sum()"),
     Mutation(EXPECTED_ITEMS, '"publisher_changes", value=publisher_changes', '"publisher_changes", value=0'),
-    Mutation("ros/transport.py", "0 < number <= last and not", "0 < number < last and not"),
+    Mutation("ros/transport.py", "0 < number <= self._previous", "0 < number < self._previous"),
     Mutation("scoring/results.py", "MAX_UNEVEN = 0.05", "MAX_UNEVEN = 0.2"),
     Mutation("scoring/results.py", "(of_parts - 1.0 / parts, 0.0).sum()", "(of_parts - 1.0 / parts, 0.0).min()"),
     Mutation(EXPECTED_ITEMS, "(counts[is_of_drive] - 1).sum()", "(counts[is_of_drive] - 2).sum()"),

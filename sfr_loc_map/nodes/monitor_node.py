@@ -423,8 +423,9 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self.status.note_arrival()
 
     def _note_publisher(self, topic: str, publisher: Sender) -> None:
-        """Add a publisher to those of a scored topic in the run."""
-        self._senders.setdefault(topic, set()).add(publisher)
+        """Add a publisher to those of a scored topic in the run, unless the topic may have several publishers."""
+        if topic not in TF_TOPICS:
+            self._senders.setdefault(topic, set()).add(publisher)
 
     def _examine_truth(self) -> None:
         """Note publishers of the ground truth whose messages are not received, and a publisher that is also the item's.

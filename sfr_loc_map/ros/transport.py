@@ -51,6 +51,7 @@ class TransportGaps:
 
     def __init__(self) -> None:
         self.count = self.lost = self.before = self.returns = self._last = 0
+        self._previous = 0  # number of the previous message, also if no gap to this message is counted
         self._several = False
         self._lost_of_one = 0  # losses until the last time that there was one publisher
 
@@ -65,7 +66,8 @@ class TransportGaps:
         if not self.count:
             self.before = max(number - 1, 0)
         self.count += 1
-        self.returns += 0 < number <= last and not self._several
+        self.returns += 0 < number <= self._previous
+        self._previous = number
         gap = number - last - 1 if last and number > last and not self._several else 0
         self.lost += gap
         return gap

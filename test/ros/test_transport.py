@@ -60,6 +60,17 @@ def test_a_number_that_does_not_increase_is_that_of_another_publisher() -> None:
         assert (gaps.returns, gaps.before) == (returns, max(numbers[0] % (2**64 - 1) - 1, 0)), numbers
 
 
+def test_another_publisher_is_also_found_beside_or_after_a_second_one() -> None:
+    """Two processes have a publisher, and the second one publishes after the first has ended."""
+    for is_first_left in (False, True):
+        gaps = TransportGaps()
+        gaps.set_several(True)
+        gaps.add({"publication_sequence_number": 9})
+        gaps.set_several(not is_first_left)
+        gaps.add({"publication_sequence_number": 1})
+        assert gaps.returns == 1
+
+
 def test_what_is_published_between_two_subscriptions_is_not_lost() -> None:
     gaps = TransportGaps()
     found = [gaps.add({"publication_sequence_number": number}) for number in (1, 3)]
