@@ -264,7 +264,7 @@ MUTATIONS = (
     Mutation("metrics/figures/catalogue.py", 'return kind.clause if part == ON_TARGET else ""', "return kind.clause"),
     Mutation("metrics/figures/catalogue.py", 'CallKind.MAPPING_CALL: "4.3.2"}', 'CallKind.MAPPING: "4.3.2"}'),
     Mutation("report/deviations.py", "item.figure in STAGES or (", "("),
-    Mutation("report/deviations.py", "(MethodKind.PEER, MethodKind.PYTHON)", "(MethodKind.PYTHON,)"),
+    Mutation("report/deviations.py", "(MethodKind.BUILT_IN, MethodKind.PEER, ", "(MethodKind.PEER, "),
     Mutation(
         "metrics/score/score.py",
         "if row.part in ((reading, POOLED) if is_of_sub_trajectories else (None,)):",

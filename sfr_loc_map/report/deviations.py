@@ -33,7 +33,7 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.report.settings import changed_settings, has_all_settings, setting_text
 from sfr_loc_map.report.verdict_view import VerdictView
-from sfr_loc_map.suite_names import Task
+from sfr_loc_map.suite_names import OURS, Task
 from sfr_loc_map.tables.model import METRE, exact_number, fitting, number
 
 PATH_WITHOUT_IMAGES = 0.01
@@ -41,7 +41,8 @@ PATH_WITHOUT_IMAGES = 0.01
 MAX_STANDING = 0.1  #: Accepted fraction of sub-trajectories with a stationary rover.
 TIMES_OF_PAIRS = (CallKind.MAPPING_CALL, CallKind.MAPPING)
 """Calls whose time contains or may contain the mapping of single pairs."""
-RETURNING_DISPARITIES = (MethodKind.PEER, MethodKind.PYTHON)  #: Methods that may return disparities for a pair.
+RETURNING_DISPARITIES = (MethodKind.BUILT_IN, MethodKind.PEER, MethodKind.PYTHON)
+"""Kinds of methods that may return disparities for a pair, except the suite's own mapper."""
 STAGES = (CallKind.MAPPING, CallKind.FUSION)  #: Calls that are stages of the mapping call of the specification.
 CALLS_WITH_FINDINGS = {
     Task.LOCALISATION: (CallKind.LOCALISATION,),
@@ -225,8 +226,9 @@ def _calls(item: Verdict, score: Score) -> Iterator[str]:
 
 def _may_return_disparities(score: Score) -> bool:
     """Return whether the method may return disparity images, because it maps pairs one by one."""
-    is_of_kind = score.method is not None and score.method.kind in RETURNING_DISPARITIES
-    return is_of_kind and score.figure(CallKind.MAPPING, part=None) is not None
+    if score.method is None or score.method.name == OURS:
+        return False
+    return score.method.kind in RETURNING_DISPARITIES and score.figure(CallKind.MAPPING, part=None) is not None
 
 
 def is_of_stage(item: Verdict) -> bool:

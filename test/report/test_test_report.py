@@ -36,6 +36,7 @@ from sfr_loc_map.report.score_tables import READINGS, score_tables, view_table
 from sfr_loc_map.report.summary import banner_of
 from sfr_loc_map.report.test_report import clauses_used, render_test_report
 from sfr_loc_map.report.verdict_view import VerdictView
+from sfr_loc_map.suite_names import OURS
 
 COMMANDS = ("sfr score estimate.csv data", "sfr score cloud.ply data", "sfr score target data")
 TEN: dict[str, Any] = {
@@ -162,10 +163,11 @@ def test_the_memory_of_a_stage_follows_no_clause_and_is_a_deviation() -> None:
 def test_the_time_of_a_method_that_may_return_disparities_is_a_deviation(kind: MethodKind) -> None:
     """The suite triangulates disparities outside of the call. Libraries return points."""
     limits = parse_limits({"timing": {"mapping_p50_s": 1.0, "localisation_p50_s": 1.0}}, "test")
-    score = replace(whole_score(), method=MethodRecord(name="x", version="1", kind=kind))
-    found = " ".join(deviations_of(judged_by(score, limits, partial=True)))
-    count = int(kind in (MethodKind.PEER, MethodKind.PYTHON))
-    assert found.count("does not contain the triangulation of disparity images") == count
+    may_return_disparities = kind not in (MethodKind.LIBRARY, MethodKind.EXTERNAL)
+    for name, count in (("x", int(may_return_disparities)), (OURS, 0)):
+        score = replace(whole_score(), method=MethodRecord(name=name, version="1", kind=kind))
+        found = " ".join(deviations_of(judged_by(score, limits, partial=True)))
+        assert found.count("does not contain the triangulation of disparity images") == count
 
 
 def test_calls_that_were_not_measured_have_no_deviation() -> None:
