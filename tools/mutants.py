@@ -241,7 +241,8 @@ MUTATIONS = (
     Mutation("metrics/score/limits.py", "abs(value) <= limit.limit", "abs(value) < limit.limit"),
     Mutation("metrics/score/limits.py", "value >= limit.limit if", "value <= limit.limit if"),
     Mutation(JUDGE, "incomplete = text_of(shortfalls)", "incomplete = score.incomplete"),
-    Mutation(INCOMPLETE, "in (RowPart(Scope.LIVE), required_scope(limit))", "in (RowPart(Scope.LIVE),)"),
+    Mutation(INCOMPLETE, "in (*SCOPES_OF_ALL_LIMITS, required_scope(limit))", "in SCOPES_OF_ALL_LIMITS"),
+    Mutation(INCOMPLETE, "in (*SCOPES_OF_ALL_LIMITS, required_scope(limit))", "in (required_scope(limit),)"),
     Mutation(INCOMPLETE, "return self.limit == limit", "return True"),
     Mutation(INCOMPLETE, "if judged is None or not meets(limit, judged):", "if judged is None:"),
     Mutation("geometry/trajectory.py", "level[:, 2] = 0.0", "level[:, 2] *= 1.0"),
@@ -395,7 +396,11 @@ MUTATIONS = (
     Mutation(STORE, "if content.get(HASH) != hash_of_values(content):", "if False:"),
     # edited scores
     Mutation("scoring/input_files.py", "if _states_of(self.path) != self.states:", "if False:"),
-    Mutation("scoring/provenance.py", "partial=rules.partial) != rules:", "partial=rules.partial) == rules:"),
+    Mutation(
+        "scoring/provenance.py",
+        "return struct_replace(load_limits(path), partial=rules.partial) == rules",
+        "return True",
+    ),
     # inputs besides the poses
     Mutation(
         "scoring/inputs.py", "[*self.stats, *([] if self.target is None else [self.target.calls])]", "[*self.stats]"
@@ -435,6 +440,10 @@ MUTATIONS = (
     Mutation(INCOMPLETE, "value is not None and not meets(limit, value)", "value is not None"),
     Mutation(INCOMPLETE, "is_met and is_of_many and", "is_met and statistic in QUANTILES and"),
     Mutation(OTHER_FRAMES, "np.quantile(known, 1.0 - BEYOND_MOST,", "np.quantile(known, 1.0,"),
+    # stored scores whose inputs were changed since
+    Mutation("scoring/provenance.py", "hash_path(path) != file.sha256 and not (role", "not (role"),
+    Mutation("scoring/provenance.py", "(role == LIMITS and contains_limits", "(role == LIMITS or contains_limits"),
+    Mutation("scoring/provenance.py", "if not changed or not is_judged or", "if not changed or is_judged or"),
     # repeated poses, copies of true poses
     Mutation("metrics/completeness/copies.py", "NOISES = 5.0", "NOISES = 0.5"),
     Mutation("metrics/frames/motion.py", "MOVING_SHARE = 0.1", "MOVING_SHARE = 0.01"),

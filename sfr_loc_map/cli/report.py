@@ -144,7 +144,7 @@ def report(
     claim_outputs(json_path, output, test_report, junit, control, inputs=read, overwrite=overwrite)
     match kind:
         case ResultKind.SCORES:
-            scores = _read_scores(results)
+            scores = _read_scores(results, are_compared=len(results) > 1 and not has_documents)
             if has_documents:
                 _write_documents(scores, (title, number, issue), evidence or (), test_report, junit, control)
             elif len(scores) == 1 and output is not None:
@@ -208,23 +208,27 @@ def _check_partners(
         refuse_given(context, ("align", "max_difference"), "compares with the ground truth: give --truth TRUTH, too")
 
 
-def _read_scores(paths: list[Path]) -> dict[str, Score]:
+def _read_scores(paths: list[Path], *, are_compared: bool) -> dict[str, Score]:
     """Return the scores of files, each judged by its limits; a score whose limits are unavailable has a caveat.
 
-    The keys are the files. ConfigError if a file is given twice.
+    A score with an input that was changed since has a caveat, and no pass unless scores `are_compared`. The keys are
+    the files. ConfigError if a file is given twice.
     """
     from sfr_loc_map.metrics.judging.several_scores import each_by_its_limits
     from sfr_loc_map.metrics.stored.score_json import load_score
-    from sfr_loc_map.scoring.provenance import limits_not_seen
+    from sfr_loc_map.scoring.provenance import limits_not_seen, with_changed_inputs
 
     scores = []
     for path in paths:
         if paths.count(path) > 1:
             raise ConfigError(f"'{path}' is given {paths.count(path)} times: give each score once")
-        score = load_score(path)
+        loaded = load_score(path)
+        score = loaded
         if (unseen := limits_not_seen(score, str(path))) is not None:
-            warn(unseen)
             score = score.with_caveat(unseen)
+        score = with_changed_inputs(score, str(path), is_judged=not are_compared)
+        for text in score.warnings[len(loaded.warnings) :]:
+            warn(text)
         scores.append(score)
     return dict(zip(map(str, paths), each_by_its_limits(scores), strict=True))
 

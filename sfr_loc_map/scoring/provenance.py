@@ -22,7 +22,10 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth, as_truth
 from sfr_loc_map.hashes import hash_arrays, hash_path
 from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.source_format import is_bag
+from sfr_loc_map.metrics.completeness.expected_items import inputs_completeness
 from sfr_loc_map.metrics.figures.records import InputFile, Provenance
+from sfr_loc_map.metrics.judging.judge import with_verdicts
 from sfr_loc_map.metrics.judging.limited import fault_of_inputs
 from sfr_loc_map.metrics.judging.limits_file import load_limits
 from sfr_loc_map.metrics.score.limits import Limits
@@ -30,6 +33,8 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.package_commit import package_commit
 from sfr_loc_map.scoring.input_files import ReadFile, read_files
 from sfr_loc_map.scoring.inputs import IN_MEMORY, Run
+
+LIMITS = "limits"  #: Role of the limits file among the inputs.
 
 
 def provenance_of(run: Run) -> Provenance:
@@ -90,27 +95,70 @@ def hash_of_truth(truth: Trajectory) -> str:
     return hash_arrays((truth.stamps_ns, truth.positions, truth.quats_xyzw, stated))
 
 
+# ---- the inputs of a stored score
+
+
 def limits_not_seen(score: Score, origin: str) -> str | None:
     """Return why the limits of a score could not be compared with their file; None if they were, or without limits.
 
-    Raise InputError if the file contains other limits.
+    Raise InputError if the file is unchanged but contains other limits.
     """
     rules = score.rules
     if rules is None or not rules.limits:
         return None
-    file = None if score.provenance is None else score.provenance.inputs.get("limits")
+    file = None if score.provenance is None else score.provenance.inputs.get(LIMITS)
     if file is None:
         return f"{origin} names no limits file: its limits were not compared"
     path = Path(file.path)
-    if not path.is_file() or hash_path(path) != file.sha256:
-        return f"the limits file '{file.path}' of {origin} is missing or was changed: its limits were not compared"
-    limits = load_limits(path)
-    if struct_replace(limits, partial=rules.partial) != rules:
+    if not path.is_file():
+        return f"the limits file '{file.path}' of {origin} is missing: its limits were not compared"
+    if hash_path(path) == file.sha256 and not contains_limits(path, rules):
         raise InputError(
             f"{origin} contradicts itself: its limits differ from those in its limits file '{file.path}'; score "
             "the estimate again"
         )
     return None
+
+
+def contains_limits(path: Path, rules: Limits) -> bool:
+    """Return whether a limits file contains the limits of a score, in any layout."""
+    return struct_replace(load_limits(path), partial=rules.partial) == rules
+
+
+def changed_inputs(score: Score) -> tuple[list[InputFile], int]:
+    """Return the inputs of a stored score that were changed since, and the number of inputs that still exist.
+
+    Files and bags are compared with their hashes. Data set folders are not, because results may be written into them. A
+    limits file is unchanged if it contains the limits of the score.
+    """
+    inputs = {} if score.provenance is None else score.provenance.inputs
+    changed: list[InputFile] = []
+    present = 0
+    for role, file in inputs.items():
+        path = None if file.resolved is None else Path(file.resolved)
+        if path is None or not (path.is_file() or is_bag(path)):
+            continue
+        present += 1
+        if hash_path(path) != file.sha256 and not (role == LIMITS and contains_limits(path, score.active_rules)):
+            changed.append(file)
+    return changed, present
+
+
+def with_changed_inputs(score: Score, origin: str, *, is_judged: bool) -> Score:
+    """Return a stored score with a caveat for each changed input; if `is_judged`, a changed input prevents a pass.
+
+    `origin` is the file of the score. A comparison with a later score, of an estimate at the same path, is not judged.
+    """
+    changed, present = changed_inputs(score)
+    for file in changed:
+        score = score.with_caveat(f"'{file.path}', an input of {origin}, was changed since the score was made")
+    if not changed or not is_judged or not score.active_rules.limits:
+        return score
+    rows = tuple(inputs_completeness(len(changed), present))
+    keys = [row.keys for row in rows]
+    return with_verdicts(
+        struct_replace(score, figures=(*(row for row in score.figures if row.keys not in keys), *rows))
+    )
 
 
 def host_facts() -> dict[str, str]:

@@ -156,14 +156,33 @@ def test_a_score_without_its_rows_of_completeness_is_incomplete(judge: Judge) ->
         assert words in result.err
 
 
-def test_limits_whose_file_is_absent_or_changed_are_reported(
-    tmp_path: Path, files: tuple[Path, Path], sfr: Sfr
+@pytest.mark.parametrize("changed", ["estimate", "truth", "limits"])
+def test_a_score_whose_inputs_were_changed_since_does_not_pass(
+    tmp_path: Path, files: tuple[Path, Path], sfr: Sfr, changed: str
 ) -> None:
     made, page, rules = tmp_path / "s.json", tmp_path / "p.html", limits(tmp_path, POSITION)
     assert sfr("score", *files, "--limits", rules, "--json", made).code == 0
-    assert "were not compared" not in sfr("report", made, "-o", page).err
+    paths = dict(zip(("estimate", "truth", "limits"), (*files, rules), strict=True))
+    content = paths[changed].read_text()
+    paths[changed].write_text(content.replace("5", "4"))
+    documents = ("--test-report", page, "--junit", tmp_path / "j.xml", "--control", tmp_path / "c.csv", "--overwrite")
+    for options in (("-o", page, "--overwrite"), documents):
+        done = sfr("report", made, *options)
+        assert (done.code, "was changed since the score was made" in done.err) == (3, True), done.err
+    assert 'failures="0" errors="0"' not in (tmp_path / "j.xml").read_text()
+    other = tmp_path / "other.json"
+    other.write_text(made.read_text())
+    assert sfr("report", made, other).code == 0, "a comparison of two scores is not judged"
+    paths[changed].write_text(content)
+    assert sfr("report", made, *documents).code == 0
+
+
+def test_limits_whose_file_is_absent_are_reported(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
+    made, page, rules = tmp_path / "s.json", tmp_path / "p.html", limits(tmp_path, POSITION)
+    assert sfr("score", *files, "--limits", rules, "--json", made).code == 0
     rules.write_text(rules.read_text() + "# later\n")
-    assert "were not compared" in sfr("report", made, "-o", page, "--overwrite").err
+    done = sfr("report", made, "-o", page)
+    assert (done.code, "warning" in done.err) == (0, False), "the same limits in another layout"
     rules.unlink()
     done = sfr("report", made, "-o", page, "--overwrite")
     assert (done.code, "were not compared" in done.err) == (0, True)

@@ -38,9 +38,10 @@ def test_scores_of_several_runs_have_no_pass_in_common(tmp_path: Path, sfr: Sfr)
 
     def scored(name: str, *options: str, version: str = "1", truth: Path = paths[1]) -> Path:
         rows = [f"{stamp},0.1,tracking,mine,{version},python" for stamp in stamps]
-        (tmp_path / "e.stats.csv").write_text("\n".join([header, *rows]) + "\n")
-        found = tmp_path / f"{name}.json"
-        assert sfr("score", paths[0], truth, "--limits", rules, "--json", found, *options).code == 0
+        calls, found = tmp_path / f"{name}.stats.csv", tmp_path / f"{name}.json"
+        calls.write_text("\n".join([header, *rows]) + "\n")
+        given = ("--stats", calls, "--limits", rules, *options)
+        assert sfr("score", paths[0], truth, *given, "--json", found).code == 0
         return found
 
     rules, moved = limits(tmp_path, LOOSE), tmp_path / "moved.csv"
@@ -52,7 +53,7 @@ def test_scores_of_several_runs_have_no_pass_in_common(tmp_path: Path, sfr: Sfr)
     (tmp_path / "version.json").write_text(to_json(from_plain(Score, changed)))
     (tmp_path / "unknown.json").write_text(to_json(from_plain(Score, {**changed, "provenance": None})))
     save_trajectory(tmp_path / "e2.csv", wandering(2e-4))
-    (tmp_path / "e2.stats.csv").write_text((tmp_path / "e.stats.csv").read_text())
+    (tmp_path / "e2.stats.csv").write_text((tmp_path / "first.stats.csv").read_text())
     second = tmp_path / "second.json"
     assert sfr("score", tmp_path / "e2.csv", paths[1], "--limits", rules, "--json", second).code == 0
     mixed = {
@@ -99,8 +100,10 @@ def test_nothing_that_is_signed_is_green_without_limits(tmp_path: Path, files: t
 
 def test_a_report_keeps_the_drive_that_cannot_be_judged(judge: Judge) -> None:
     """Two drives by one limits file: that of the short one stays `not enough data`, and so does the report."""
-    paths = []
+    paths, folder = [], judge.folder
     for name, rows in (("short", slice(0, 50)), ("long", slice(None))):
+        judge.folder = folder / name
+        judge.folder.mkdir()
         estimate, truth = (each[rows] for each in (judge.estimate, judge.truth))
         _, score = judge(limits=OVER_5_M + "1\n", estimate=estimate, truth=truth)
         paths.append(judge.folder / f"{name}.json")

@@ -211,6 +211,15 @@ def live_completeness(received: int, dropped: int, restarts: int, publisher_chan
     yield figure_row("publisher_changes", value=publisher_changes)
 
 
+# ---- stored scores
+
+
+def inputs_completeness(changed: int, present: int) -> Iterator[Figure]:
+    """Yield the rows of the inputs of a stored score that still exist, and of those that were changed since."""
+    yield expected_row(RowPart(Scope.INPUTS), present - changed, present)
+    yield from share_rows("inputs_changed", changed, present)
+
+
 # ---- suites
 
 

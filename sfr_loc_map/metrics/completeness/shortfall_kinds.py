@@ -326,6 +326,16 @@ SHORTFALLS = (
         partial=False,
         is_limited=False,
     ),
+    # ---- stored scores
+    ShortfallKind(
+        "inputs_changed",
+        Scope.INPUTS,
+        "inputs at their recorded paths",
+        0.0,
+        "{percent} % of the inputs were changed since the score was made: score again",
+        partial=False,
+        is_limited=False,
+    ),
 )
 """The kinds of shortfalls, by subject."""
 OF_LIMIT = {kind.limit_name: kind for kind in SHORTFALLS if kind.limit_name is not None}

@@ -324,6 +324,7 @@ CATALOGUE = (
     of_completeness("dropped", "messages dropped"),
     of_completeness("restarts", "restarts of the live score", content=Content.COUNT),
     of_completeness("publisher_changes", "changes of the publisher of a scored topic", content=Content.COUNT),
+    of_completeness("inputs_changed", "inputs that were changed since the score"),
     FigureKind("truth_error", Subject.CONSISTENCY, "error of the ground truth", unit="m", content=Content.NUMBER),
     FigureKind("nees", Subject.CONSISTENCY, "normalised error squared (NEES)"),
     FigureKind(

@@ -39,6 +39,7 @@ class Scope(StrEnum):
     CALLS = "calls"  #: The times of the calls of one kind: pairs.
     MEMORY = "memory"  #: The memory of the calls of one kind: pairs.
     LIVE = "live"  #: The messages of a live run.
+    INPUTS = "inputs"  #: The inputs of a stored score: files and bags that exist at their recorded paths.
     SUITE = "suite"  #: The results of a suite.
 
 

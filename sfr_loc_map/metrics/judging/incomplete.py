@@ -36,7 +36,7 @@ from sfr_loc_map.metrics.figures.row_part import (
 from sfr_loc_map.metrics.figures.rows import Figure
 from sfr_loc_map.metrics.figures.subjects import LimitSection, Scope, Subject
 from sfr_loc_map.metrics.formulas import QUANTILES
-from sfr_loc_map.metrics.judging.limited import required_scope, required_scopes, scopes_of_tasks
+from sfr_loc_map.metrics.judging.limited import SCOPES_OF_ALL_LIMITS, required_scope, required_scopes, scopes_of_tasks
 from sfr_loc_map.metrics.score.limits import Limit, meets
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
@@ -71,7 +71,7 @@ class Shortfall(NamedTuple):
         """Return whether the shortfall prevents a pass of a limit."""
         if self.limit is not None:
             return self.limit == limit
-        return self.scope in (RowPart(Scope.LIVE), required_scope(limit))
+        return self.scope in (*SCOPES_OF_ALL_LIMITS, required_scope(limit))
 
     @property
     def verdict(self) -> Verdict:

@@ -52,6 +52,8 @@ DATA_SET_ROLES = {
 
 The hash of a bag covers its images. The hash of the ground truth in a folder covers only the file of the true poses.
 """
+SCOPES_OF_ALL_LIMITS = (RowPart(Scope.LIVE), RowPart(Scope.INPUTS))
+"""Scopes that every limit requires, if the score has them."""
 
 
 # ---- the limited number
@@ -184,7 +186,7 @@ def scopes_of_tasks(score: Score) -> list[RowPart]:
 def required_scopes(limits: Limits, score: Score) -> list[RowPart]:
     """Return the scopes that must be complete in a score with limits, each as the part of its row of `judged`."""
     found = scopes_of_tasks(score)
-    found += [RowPart(Scope.LIVE)] if score.figure(JUDGED, part=Scope.LIVE) else []
+    found += [scope for scope in SCOPES_OF_ALL_LIMITS if score.figure(JUDGED, part=scope)]
     for limit in limits.limits:
         scope = required_scope(limit)
         if scope is None or scope in found:

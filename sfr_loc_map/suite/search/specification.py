@@ -38,9 +38,10 @@ NOT_OF_A_DRIVE = (
     *OF_MAP,
     *(kind.name for kind in CATALOGUE if kind.is_without_height),
     *(kind.value for kind in CallKind if kind is not CallKind.LOCALISATION),
-    *(UNANSWERED, "dropped", "restarts", "publisher_changes"),
+    *(UNANSWERED, "dropped", "restarts", "publisher_changes", "inputs_changed"),
 )
-"""Figures of these subjects that require an alignment, a ground truth without heights, maps, or running nodes."""
+"""Figures of these subjects that require an alignment, a ground truth without heights, maps, running nodes or a file.
+"""
 STRUCTURED = ("scenario", "set", "ranges", "seeds", "running")
 """Keys of a search that are not scalar settings."""
 WITHOUT_EFFECT = ("repeats", "stop_when_decided", "nominal")
