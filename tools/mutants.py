@@ -440,6 +440,13 @@ MUTATIONS = (
     Mutation(INCOMPLETE, "value is not None and not meets(limit, value)", "value is not None"),
     Mutation(INCOMPLETE, "is_met and is_of_many and", "is_met and statistic in QUANTILES and"),
     Mutation(OTHER_FRAMES, "np.quantile(known, 1.0 - BEYOND_MOST,", "np.quantile(known, 1.0,"),
+    # a truth that is the output of a run, or whose configuration is not used
+    Mutation(
+        "scoring/load_drive.py",
+        "if (calls := stats_beside(place)).is_file():",
+        "if (calls := stats_beside(place)).is_dir():",
+    ),
+    Mutation("scoring/load_drive.py", "true.how.configuration.path is None and beside", "beside"),
     # stored scores whose inputs were changed since
     Mutation("scoring/provenance.py", "hash_path(path) != file.sha256 and not (role", "not (role"),
     Mutation("scoring/provenance.py", "(role == LIMITS and contains_limits", "(role == LIMITS or contains_limits"),

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sfr_loc_map import io  # `io` imports its readers of sources on first use; trajectory files require none
+from sfr_loc_map.calls.call_files import stats_beside
 from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.arrays import IntArray
@@ -17,7 +18,7 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.inputs import check_exists
 from sfr_loc_map.io.sequence import Source, without_truth
-from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig
+from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig, source_config
 from sfr_loc_map.io.source_format import is_bag
 from sfr_loc_map.io.tables.loaded_trajectory import LoadedTrajectory
 from sfr_loc_map.io.tables.trajectory_file import ESTIMATE_OPTION, TRUTH_OPTION, read_trajectory_file
@@ -91,6 +92,7 @@ def read_drive(inputs: ScoreInputs, given: InMemory, true: ReadTruth, calls: Run
         found = found.with_stamps_of(true.poses)
     caveats += check_estimate(found.trajectory, calls.of_estimate)
     caveats += _caveats_about_images(inputs, calls, true)
+    caveats += _caveats_about_truth(true)
     here = [*calls.here, *of_bag]
     estimates = estimates_of_calls(found.trajectory, here, calls.on_target, found.covariance)
     return ReadDrive(replace(_drive_of(found, estimates, true), caveats=tuple(caveats)), of_bag)
@@ -116,6 +118,30 @@ def _caveats_about_images(inputs: ScoreInputs, calls: RunCalls, true: ReadTruth)
     if problem:
         yield f"the images of the calls (--stats) were not compared with those of '{source.path}': {problem}"
     yield from other_images(calls.given, pairs, source.path)
+
+
+def _caveats_about_truth(true: ReadTruth) -> Iterator[str]:
+    """Yield a caveat if the file of the true poses is the output of a run, or if a configuration beside it is not used.
+
+    A file of poses is read without the `sfr.yaml` beside it, because this file may describe another source.
+    """
+    place = true.how.truth.file or true.place
+    if place is None or not place.is_file() or is_bag(place):
+        return
+    if (calls := stats_beside(place)).is_file():
+        yield (
+            f"the truth '{place}' is the output of a run, because the calls of this run are beside it ('{calls}'): the "
+            "figures state the difference of two estimates (the estimate is the first argument)"
+        )
+    with suppress(SfrError):  # of a configuration that is not used
+        beside = source_config(place)
+        path = beside.configuration.path
+        if path is not None and true.how.configuration.path is None and beside.truth.changed_content:
+            settings = ", ".join(beside.truth.changed_content)
+            yield (
+                f"'{path}' beside the truth sets {settings}, but was not used for a file of poses: if these settings "
+                f"describe the truth, give --config {path}"
+            )
 
 
 def _without_stamps(*trajectories: LoadedTrajectory) -> Iterator[str]:

@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 
 from helpers.broken_sources import renamed_bag
+from helpers.cli_result import Sfr
 from helpers.made_scene import write_folder
-from helpers.scored_drives import straight
+from helpers.scored_drives import POSITION, limits, straight
 from sfr_loc_map import api, api_types
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -101,3 +102,33 @@ def test_a_bag_with_estimates_on_another_topic_names_the_command_that_reads_them
     save_trajectory(tmp_path / "truth.csv", poses)
     with pytest.raises(InputError, match=r"sfr convert .* estimate\.tum --remap /vio/poses:=ground_truth/odometry$"):
         load_run(ScoreInputs.of(bag, tmp_path / "truth.csv"))
+
+
+def test_a_truth_that_is_the_output_of_a_run_is_a_deviation(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
+    estimate, truth = files
+    rules = limits(tmp_path, POSITION)
+    for has_calls in (False, True):
+        if has_calls:
+            stamps = (line.partition(",")[0] for line in truth.read_text().splitlines()[1:])
+            rows = [f"{stamp},0.1,tracking" for stamp in stamps]
+            truth.with_suffix(".stats.csv").write_text("\n".join(["stamp_ns,processing_time_s,state", *rows, ""]))
+        done = sfr("score", estimate, truth, "--limits", rules)
+        assert (done.code, "is the output of a run" in done.err) == (0, has_calls), done.err
+
+
+@pytest.mark.parametrize(
+    ("content", "options", "is_stated"),
+    [
+        ("truth: {lever_arm_m: [0.5, 0, 0.8]}\n", (), True),
+        ("truth: {lever_arm_m: [0, 0, 0]}\n", (), False),
+        ("extrinsics: {}\n", (), False),
+        ("truth: {lever_arm_m: [0.5, 0, 0.8]}\n", ("--config",), False),
+    ],
+)
+def test_a_configuration_beside_a_file_of_true_poses_is_reported_if_it_changes_a_truth(
+    tmp_path: Path, files: tuple[Path, Path], sfr: Sfr, content: str, options: tuple[str, ...], is_stated: bool
+) -> None:
+    config = tmp_path / "sfr.yaml"
+    config.write_text(content)
+    done = sfr("score", *files, *options, *([config] if options else []))
+    assert ("was not used for a file of poses" in done.err) == is_stated, done.err
