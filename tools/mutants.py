@@ -440,6 +440,14 @@ MUTATIONS = (
     Mutation(INCOMPLETE, "value is not None and not meets(limit, value)", "value is not None"),
     Mutation(INCOMPLETE, "is_met and is_of_many and", "is_met and statistic in QUANTILES and"),
     Mutation(OTHER_FRAMES, "np.quantile(known, 1.0 - BEYOND_MOST,", "np.quantile(known, 1.0,"),
+    # interpolated poses, copies of true attitudes
+    Mutation("metrics/completeness/copies.py", "(changes_m <= rounding_m)", "(changes_m <= 0.0)"),
+    Mutation("metrics/completeness/copies.py", "np.count_nonzero(is_interpolated(frames) & ~is_reported)", "0"),
+    Mutation("metrics/completeness/copies.py", "np.min(errors_rad, axis=0) <=", "np.min(errors_rad, axis=0) >"),
+    Mutation(
+        INCOMPLETE, "limit.limited.figure not in self.kind.of_figures", "limit.limited.figure in self.kind.of_figures"
+    ),
+    Mutation(SHORTFALLS, 'of_figures=("attitude", "heading")', 'of_figures=("heading",)'),
     # a truth that is the output of a run, or whose configuration is not used
     Mutation(
         "scoring/load_drive.py",

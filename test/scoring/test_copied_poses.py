@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, Slerp
 
 from helpers.cli_result import Sfr
 from helpers.scored_drives import COUNT, LOOSE, PERIOD_NS, limits, wandering
@@ -196,3 +197,50 @@ def test_a_rover_that_stands_and_a_slow_start_repeat_no_pose(tmp_path: Path, sfr
     save_trajectory(tmp_path / "e.csv", Trajectory(good.stamps_ns, good.positions[stands], good.quats_xyzw[stands]))
     rules = limits(tmp_path, {**LOOSE, "minimum_independent": 1})
     assert sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", "--limits", rules).code == 0
+
+
+def test_copied_attitudes_are_found_beside_measured_positions_and_affect_limits_on_attitudes(
+    tmp_path: Path, sfr: Sfr
+) -> None:
+    paths, truth, own = (tmp_path / "e.csv", tmp_path / "t.csv"), turning(0.0), turning(1e-3)
+    save_trajectory(paths[1], truth)
+    condition = "distance=5"
+    attitude = {"trajectory": [{"condition": condition, "attitude_mean_plus_3sigma_deg": 1.0}]}
+    for quats, rules, code in (
+        (own.quats_xyzw, attitude, 0),
+        (np.round(truth.quats_xyzw, 6), attitude, 3),
+        (-truth.quats_xyzw, attitude, 3),
+        (truth.quats_xyzw, LOOSE, 0),
+        (truth.quats_xyzw, {**attitude, "completeness": {"attitudes_of_truth_max_share": 1.0}}, 0),
+    ):
+        save_trajectory(paths[0], Trajectory(own.stamps_ns, own.positions, quats))
+        done = sfr("score", *paths, "--limits", limits(tmp_path, {**rules, "minimum_independent": 1}))
+        assert (done.code, "of the rotations equal those of the ground truth" in done.out) == (code, code == 3), (
+            done.err
+        )
+
+
+@pytest.mark.parametrize(("share", "code"), [(0, 0), (4, 3)])
+def test_poses_interpolated_between_others_are_missing(tmp_path: Path, sfr: Sfr, share: int, code: int) -> None:
+    """Every fifth to tenth pose is a knot; an estimate of which none is interpolated is judged."""
+    paths, own = (tmp_path / "e.csv", tmp_path / "t.csv"), turning(1e-3)
+    save_trajectory(paths[1], turning(0.0))
+    is_kept = np.arange(COUNT) % 10 >= share
+    is_kept[[0, -1]] = True
+    knots_ns, rotations = own.stamps_ns[is_kept], Rotation.from_quat(own.quats_xyzw[is_kept])
+    positions = [np.interp(own.stamps_ns, knots_ns, axis) for axis in own.positions[is_kept].T]
+    quats = Slerp(knots_ns, rotations)(own.stamps_ns).as_quat()
+    save_trajectory(paths[0], Trajectory(own.stamps_ns, np.stack(positions, axis=1), quats))
+    for more, expected in (({}, code), ({"completeness": {"missing_max_share": 0.5}}, 0)):
+        rules = limits(tmp_path, {**LOOSE, **more, "minimum_independent": 1})
+        done = sfr("score", *paths, "--limits", rules)
+        assert (done.code, "interpolated between other poses" in done.out) == (expected, expected == 3), done.err
+
+
+def turning(sigma: float) -> Trajectory:
+    """Return the wandering drive with attitudes that change in each step, and errors of each attitude in rad."""
+    drive = wandering(sigma)
+    place = np.arange(COUNT)
+    noise = np.random.default_rng(4).normal(0.0, sigma, (COUNT, 3))
+    turned = Rotation.from_euler("ZY", np.column_stack((0.4 * np.sin(0.07 * place), 0.1 * np.sin(0.3 * place))))
+    return Trajectory(drive.stamps_ns, drive.positions, (turned * Rotation.from_rotvec(noise)).as_quat())

@@ -1,16 +1,19 @@
-"""Estimates that are not measurements: copies of the previous pose, and copies of the ground truth.
+"""Estimates that are not measurements: copies of the previous pose or of the ground truth, and interpolated poses.
 
-Three figures of completeness count them:
+These figures of completeness count them:
 
 - `poses_repeated`: a pose is bit-identical to the previous pose although the rover moves, and no state reports the pose
   as lost or degraded (`repeats_pose`).
 - `poses_of_truth`: the motion to a pose equals the true motion more accurately than any measurement
   (`ends_true_motion`), or the pose is the rounded true pose (`is_rounded_truth`).
+- `poses_interpolated`: a pose has the velocity and the rate of rotation of the previous pose, although those of other
+  poses scatter, and no state reports the pose as lost or degraded (`is_interpolated`).
+- `attitudes_of_truth`: the rotation to a pose equals the true rotation (`ends_true_rotation`).
 - `errors_of_truth`: the motion from the start to the end of a judged sub-trajectory equals the true motion.
 
 A short motion of any estimate can equal the true motion after rounding. Only motions that are long compared with the
-resolution of the positions are therefore tested. The last two figures are fractions of what can be tested, and unknown
-if nothing can be tested. See docs/metrics.md, "Completeness".
+resolution of the positions are therefore tested. The figures about the truth are fractions of what can be tested, and
+unknown if nothing can be tested. See docs/metrics.md, "Completeness".
 """
 
 from __future__ import annotations
@@ -21,8 +24,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
-from sfr_loc_map.geometry.rotation import quat_conjugate, quat_rotate
-from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_rotate, rotvecs_from_quats
+from sfr_loc_map.geometry.trajectory import Trajectory, as_truth
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.completeness.expected_items import share_of, share_rows
 from sfr_loc_map.metrics.figures.rows import Figure, figure_row
@@ -43,6 +46,14 @@ the truth exactly, and the grid may come from the drive instead of the rounding 
 ROUNDED_IN_A_ROW = 50  #: Number of consecutive rounded true poses that an estimate does not reach by chance.
 ROUNDED_PATH = 2000.0
 """Minimum path of these poses, in units of the resolution: an error of 0.05 % over 2 m equals a resolution of 1 mm."""
+
+FINEST_ANGLE = 1e-5  #: Coarsest resolution of quaternions with which attitudes of an estimate equal those of a copy.
+UNITS_OF_CHANGE = 4.0  #: Largest change of a step by rounding, in units of the resolution of the positions.
+SCATTER = 25.0
+"""Least typical change between the steps of an estimate, in units of its change by rounding, for a test of
+interpolation. By chance, less than one step in 10 000 then equals the previous step."""
+FEWEST_CHANGES = 10  #: Least number of steps that differ from the previous step, for a test of interpolation.
+SAME_RATE_RAD = 1e-5  #: Largest change of the rotation in a step by rounding, rad.
 
 
 class Tested(NamedTuple):
@@ -73,10 +84,13 @@ def copy_rows(frames: Frames, truth: Trajectory, is_reported: Mask, *, interpola
     """
     repeated = int(np.count_nonzero(repeats_pose(frames) & ~is_reported))
     yield from share_rows("poses_repeated", repeated, len(frames.stamps_ns))
+    interpolated_poses = int(np.count_nonzero(is_interpolated(frames) & ~is_reported))
+    yield from share_rows("poses_interpolated", interpolated_poses, len(frames.stamps_ns))
     references = [frames.true_position]
     if interpolated:
         references.append(spline_positions(truth, frames))
     yield from share_rows("poses_of_truth", *copies_of_truth(frames, references).counts)
+    yield from share_rows("attitudes_of_truth", *ends_true_rotation(frames, has_tilt=as_truth(truth).has_tilt).counts)
 
 
 def judged_of_truth(frames: Frames, judged: Iterable[tuple[IntArray, IntArray]]) -> Figure:
@@ -126,6 +140,31 @@ def repeats_pose(frames: Frames) -> Mask:
     return np.asarray(is_same & (moved_m > np.maximum(least_m, drift_m)))
 
 
+def is_interpolated(frames: Frames) -> Mask:
+    """Return which poses `(F,)` of a moving rover lie on the line between their neighbours, at constant rates.
+
+    The velocity and the rate of rotation are those of the previous step to within rounding, although typical other
+    steps differ by more than `SCATTER` times the rounding. Nothing is found in an estimate without such a scatter, as
+    of a simulated straight drive, and in files whose stamps or positions are coarse.
+    """
+    found = np.zeros(len(frames.stamps_ns), np.bool_)
+    if len(found) < 3:
+        return found
+    periods_s = np.diff(frames.stamps_ns)[:, None] / NS_PER_S
+    velocities = np.diff(frames.position, axis=0) / periods_s
+    rates = rotvecs_from_quats(in_start(frames.attitude[:-1], frames.attitude[1:])) / periods_s
+    period_s = float(np.median(periods_s))
+    changes_m = period_s * np.linalg.norm(np.diff(velocities, axis=0), axis=1)
+    changes_rad = period_s * np.linalg.norm(np.diff(rates, axis=0), axis=1)
+    is_moving = moving_steps(frames.position)
+    moves = is_moving[1:-1] & is_moving[2:]
+    rounding_m = UNITS_OF_CHANGE * max(resolution_of(frames.position), FINEST_M)
+    others_m = changes_m[moves & (changes_m > rounding_m)]
+    if len(others_m) >= FEWEST_CHANGES and float(np.median(others_m)) > SCATTER * rounding_m:
+        found[1:-1] = moves & (changes_m <= rounding_m) & (changes_rad <= SAME_RATE_RAD)
+    return found
+
+
 def scatter_m(positions: FloatArray) -> float:
     """Return the median norm of the second differences of positions `(F, 3)`, caused by noise and acceleration."""
     if len(positions) < 3:
@@ -163,6 +202,46 @@ def ends_true_motion(frames: Frames, true_pos: FloatArray, resolution_m: float) 
     is_testable[ends] = motions.is_testable
     is_copy[ends] = motions.is_copy
     return Tested(is_testable, is_copy)
+
+
+def ends_true_rotation(frames: Frames, *, has_tilt: bool) -> Tested:
+    """Return for each frame `(F,)` whether the rotation to it equals the true rotation, in DS or in RB at the start.
+
+    The rotation is that over the shortest testable sum of rotations, as `ends_true_motion` defines it for motions.
+    Nothing is testable without true roll and pitch, because those of the truth are then those of the estimate.
+    """
+    is_testable, is_copy = np.zeros((2, len(frames.stamps_ns)), np.bool_)
+    if not has_tilt or not np.isfinite(frames.true_attitude).all():
+        return Tested(is_testable, is_copy)
+    resolution = resolution_of(frames.attitude)
+    resolution = resolution if resolution <= FINEST_ANGLE else 0.0
+    least_rad = least_motion_m(resolution)
+    turned_rad = np.append(0.0, np.cumsum(angles_between(frames.true_attitude[:-1], frames.true_attitude[1:])))
+    starts = np.searchsorted(turned_rad, turned_rad - least_rad, "right") - 1
+    ends = np.flatnonzero(starts >= 0)
+    starts = starts[ends]
+    errors_rad = []
+    for turn in (in_start, in_ds):
+        estimated = turn(frames.attitude[starts], frames.attitude[ends])
+        errors_rad.append(angles_between(estimated, turn(frames.true_attitude[starts], frames.true_attitude[ends])))
+    is_testable[ends] = True
+    is_copy[ends] = np.min(errors_rad, axis=0) <= EXACT_SHARE * least_rad + UNITS_OF_CHANGE * resolution
+    return Tested(is_testable, is_copy)
+
+
+def angles_between(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return the angles `(N,)` of the rotations between attitudes `(N, 4)`, rad."""
+    return np.asarray(np.linalg.norm(rotvecs_from_quats(in_start(first, second)), axis=1))
+
+
+def in_start(start: FloatArray, end: FloatArray) -> FloatArray:
+    """Return the rotations from attitudes to other attitudes, in RB at the start."""
+    return quat_multiply(quat_conjugate(start), end)
+
+
+def in_ds(start: FloatArray, end: FloatArray) -> FloatArray:
+    """Return the rotations from attitudes to other attitudes, in DS."""
+    return quat_multiply(end, quat_conjugate(start))
 
 
 def least_motion_m(resolution_m: float) -> float:

@@ -85,6 +85,7 @@ class ShortfallKind(NamedTuple):
     partial: bool = True  #: Whether `--partial` accepts the shortfall: missing data, but not wrong data.
     is_limited: bool = True  #: Whether a limits file can have a limit on the figure.
     of_node: CallKind | None = None  #: Calls of the external node whose answers the figure counts; None for others.
+    of_figures: tuple[str, ...] = ()  #: Figures whose limits the shortfall affects; empty for all limits of the scope.
     #: Why a fraction of 0 items makes the scope incomplete; empty if the scope is then complete, because nothing can be
     #: missing or wrong.
     text_of_nothing: str = ""
@@ -214,6 +215,24 @@ SHORTFALLS = (
         0.0,
         "{percent} % of the poses repeat the previous pose although the rover moves, and are not reported as lost or "
         "degraded",
+    ),
+    ShortfallKind(
+        "poses_interpolated",
+        Scope.DRIVE,
+        "frames",
+        IN_GAPS_MOST,
+        "{percent} % of the poses are interpolated between other poses, and are not reported as lost or degraded",
+        accepted_by=(AcceptedBy(MISSING, Allowance.BOUND),),
+    ),
+    ShortfallKind(
+        "attitudes_of_truth",
+        Scope.DRIVE,
+        "attitudes of the turning rover that can be compared",
+        COPIES_MOST,
+        f"{{percent}} % of the rotations {OF_TRUTH}",
+        accepted_by=(AcceptedBy("poses_of_truth_max_share", Allowance.BOUND),),
+        partial=False,
+        of_figures=("attitude", "heading"),
     ),
     ShortfallKind(
         "poses_of_truth",

@@ -304,6 +304,8 @@ CATALOGUE = (
     of_completeness("unmatched", "estimates without ground truth"),
     of_completeness("doubled", "estimates with a repeated stamp"),
     of_completeness("poses_repeated", "poses that repeat the previous pose while moving"),
+    of_completeness("poses_interpolated", "poses interpolated between others while moving"),
+    of_completeness("attitudes_of_truth", "attitudes that are copies of the ground truth"),
     of_completeness("poses_of_truth", "poses that are copies of the ground truth"),
     of_completeness("errors_of_truth", "judged motions that are copies of the ground truth"),
     of_completeness(ERRORS_BEYOND, "unjudged frames with an error far above the judged ones"),

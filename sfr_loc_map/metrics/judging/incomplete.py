@@ -71,6 +71,8 @@ class Shortfall(NamedTuple):
         """Return whether the shortfall prevents a pass of a limit."""
         if self.limit is not None:
             return self.limit == limit
+        if self.kind.of_figures and limit.limited.figure not in self.kind.of_figures:
+            return False
         return self.scope in (*SCOPES_OF_ALL_LIMITS, required_scope(limit))
 
     @property
@@ -101,13 +103,18 @@ def shortfalls_of(scope: RowPart, score: Score) -> Iterator[Shortfall]:
     """Yield what makes a scope of a score incomplete."""
     yield from unknown_items(scope, score)
     for kind in SHORTFALLS:
-        if kind.scope != scope.what:
+        if kind.scope != scope.what or not concerns_limits(kind, score):
             continue
         if kind.figure in STATES_OF_POSES:
             yield from unknown_states(kind, scope, score)
         elif (most := largest_complete(kind, score)) is not None:
             evaluate = OF_EACH_LIMIT.get(kind.figure, above_most)
             yield from evaluate(kind, scope, score, most)
+
+
+def concerns_limits(kind: ShortfallKind, score: Score) -> bool:
+    """Return whether a kind of shortfall affects every limit of its scope, or a limit of the score."""
+    return not kind.of_figures or any(limit.limited.figure in kind.of_figures for limit in score.active_rules.limits)
 
 
 def largest_complete(kind: ShortfallKind, score: Score) -> float | None:
