@@ -440,6 +440,11 @@ MUTATIONS = (
     Mutation(INCOMPLETE, "value is not None and not meets(limit, value)", "value is not None"),
     Mutation(INCOMPLETE, "is_met and is_of_many and", "is_met and statistic in QUANTILES and"),
     Mutation(OTHER_FRAMES, "np.quantile(known, 1.0 - BEYOND_MOST,", "np.quantile(known, 1.0,"),
+    # limits that an estimate without motion meets
+    Mutation(
+        "report/deviations.py", "least is not None and item.limit >= least", "least is not None and item.limit > least"
+    ),
+    Mutation("report/deviations.py", "HALF_TURN_DEG = 180.0", "HALF_TURN_DEG = 1800.0"),
     # interpolated poses, copies of true attitudes
     Mutation("metrics/completeness/copies.py", "(changes_m <= rounding_m)", "(changes_m <= 0.0)"),
     Mutation("metrics/completeness/copies.py", "np.count_nonzero(is_interpolated(frames) & ~is_reported)", "0"),

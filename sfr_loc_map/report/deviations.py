@@ -18,9 +18,17 @@ from typing import NamedTuple
 from sfr_loc_map.message_stamps import NS_PER_MS, NS_PER_S
 from sfr_loc_map.metrics.calls.call_score import STATED_BY_NODE
 from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS
-from sfr_loc_map.metrics.conditions import Condition, label_of
+from sfr_loc_map.metrics.conditions import Condition, ConditionKind, label_of
 from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, CloudKind, MapScoreConfig, Reading
-from sfr_loc_map.metrics.figures.catalogue import ERRORS_BEYOND, JUDGED, STANDING, TOTAL, statistic_title, title_of
+from sfr_loc_map.metrics.figures.catalogue import (
+    ERRORS_BEYOND,
+    JUDGED,
+    KINDS,
+    STANDING,
+    TOTAL,
+    statistic_title,
+    title_of,
+)
 from sfr_loc_map.metrics.figures.records import REPLAY_RATE, MethodKind
 from sfr_loc_map.metrics.figures.row_part import COUNT, MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, calls_part, range_of
 from sfr_loc_map.metrics.figures.subjects import Scope, Subject
@@ -38,6 +46,7 @@ from sfr_loc_map.tables.model import METRE, exact_number, fitting, number
 
 PATH_WITHOUT_IMAGES = 0.01
 """Fraction of the true path without images that is accepted, because the truth begins and ends near an image."""
+HALF_TURN_DEG = 180.0  #: Largest error of attitude and heading, deg.
 MAX_STANDING = 0.1  #: Accepted fraction of sub-trajectories with a stationary rover.
 TIMES_OF_PAIRS = (CallKind.MAPPING_CALL, CallKind.MAPPING)
 """Calls whose time contains or may contain the mapping of single pairs."""
@@ -257,6 +266,25 @@ def _relaxed_limit(item: Verdict, score: Score) -> Iterator[str]:
             yield f"The limits require {name} {exact_number(used)} for {item.name}; the default is {usual:g}."
     if proof.normal:
         yield f"The limits declare that the errors of {item.name} are normal, which the score does not prove."
+
+
+def _limit_without_motion(item: Verdict, score: Score) -> Iterator[str]:
+    """Yield a limit that an estimate without motion meets: an error of the complete distance, or of half a turn.
+
+    On a straight path, the position error of such an estimate is the distance, with a standard deviation of 0. An error
+    of attitude or heading is at most 180 deg.
+    """
+    bounds = {"attitude": HALF_TURN_DEG, "heading": HALF_TURN_DEG}
+    for each in Condition.parse(item.condition).components if item.condition else ():
+        if each.kind in (ConditionKind.DISTANCE, ConditionKind.DISPLACEMENT):
+            bounds |= dict.fromkeys(("position", "horizontal", "chord"), each.value)
+    least = bounds.get(item.figure or "")
+    if least is not None and item.limit >= least:
+        unit = KINDS[item.figure or ""].unit
+        yield (
+            f"{_name(item)} has the limit {exact_number(item.limit)} {unit}, which an estimate without motion can "
+            f"meet, because its error is {least:g} {unit}. The limit may be in another unit."
+        )
 
 
 def _relaxed_rules(score: Score) -> Iterator[str]:
@@ -508,5 +536,5 @@ OF_SCORE: tuple[Callable[[Score], Iterator[str]], ...] = (
 )
 """Deviations of a complete score, in the order of the test report."""
 BESIDE_VERDICT = frozenset({_caveats, _incomplete})  #: The deviations that warnings or the verdict state, too.
-OF_VERDICT: tuple[Callable[[Verdict, Score], Iterator[str]], ...] = (_calls, _relaxed_limit)
+OF_VERDICT: tuple[Callable[[Verdict, Score], Iterator[str]], ...] = (_calls, _relaxed_limit, _limit_without_motion)
 """Deviations of a verdict."""

@@ -58,6 +58,24 @@ def test_relaxed_terms_of_a_bound_are_deviations(judge: Judge, terms: str, count
     assert len(found) == count, found
 
 
+@pytest.mark.parametrize(
+    ("figure", "value", "is_deviation"),
+    [
+        ("position_mean_plus_3sigma_m", 4.9, False),
+        ("position_mean_plus_3sigma_m", 100, True),
+        ("chord_p95_m", 5, True),
+        ("attitude_mean_plus_3sigma_deg", 179, False),
+        ("heading_mean_plus_3sigma_deg", 1000, True),
+    ],
+)
+def test_a_limit_that_an_estimate_without_motion_meets_is_a_deviation(
+    tmp_path: Path, files: tuple[Path, Path], sfr: Sfr, figure: str, value: float, is_deviation: bool
+) -> None:
+    rules = limits(tmp_path, {"trajectory": [{"condition": "distance=5", figure: value}]})
+    done = sfr("score", *files, "--limits", rules)
+    assert (done.code, "an estimate without motion can meet" in done.out) == (0, is_deviation), done.out
+
+
 def test_other_ranges_of_coverage_are_a_deviation(tmp_path: Path, sfr: Sfr) -> None:
     folder, cloud = write_folder(tmp_path / "data", 0, 1), tmp_path / "c.ply"
     points = true_cloud()
