@@ -11,7 +11,6 @@ import signal
 import struct
 import sys
 import termios
-from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
@@ -25,6 +24,7 @@ from sfr_loc_map.live.terminal import Terminal, one_line_of
 from sfr_loc_map.live.updates import PublishedScore
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.report.score_tables import score_tables
+from sfr_loc_map.signals import handle_signals
 
 BEGIN_S, COUNT = 1_700_000_000.0, 200
 END_S = BEGIN_S + 0.1 * COUNT
@@ -102,29 +102,19 @@ def test_what_is_stale_lost_or_hostile_is_said_in_words(recorded: list[Any]) -> 
     assert not re.search(r"\x1b\]0|\x07", text)
 
 
-PROGRAM = """
-from rich.console import Console
-from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.terminal import Terminal
-from sfr_loc_map.signals import handle_signals
-handle_signals()
-try:
-    Terminal(LiveState(), "rover1", Console(highlight=False, force_terminal=True)).show()
-except KeyboardInterrupt:
-    raise SystemExit(130)
-"""
-
-
-def on_terminal(end: Callable[[int, int], object]) -> tuple[str, int]:
-    """Return what the program writes on a terminal of its own, and its exit code.
-
-    `end` receives the process id and the terminal. The program is no mere fork of this process, whose libraries have
-    callbacks in which a KeyboardInterrupt is lost.
-    """
+def on_terminal(end: Any) -> tuple[str, int]:
+    """Return what the program writes on a terminal of its own, and its exit code."""
     pid, terminal = pty.fork()
     if pid == 0:
-        variables = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
-        os.execve(sys.executable, [sys.executable, "-c", PROGRAM], variables)
+        for name in ("COLUMNS", "LINES"):  # which processes of pytest-xdist have
+            os.environ.pop(name, None)
+        sys.stdin, sys.stdout = os.fdopen(0), os.fdopen(1, "w")  # of this process, not those of the tests
+        handle_signals()
+        try:
+            Terminal(LiveState(), "rover1", Console(highlight=False, force_terminal=True)).show()
+        except KeyboardInterrupt:
+            os._exit(130)
+        os._exit(0)
     fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
     text = b""
     while b"q: quit" not in text:
