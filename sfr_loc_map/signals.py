@@ -82,7 +82,7 @@ def stopping(stop: Callable[[], object] = lambda: None) -> Iterator[Callable[[],
 
 @contextmanager
 def deferred_signals() -> Iterator[None]:
-    """Block signals until the end of the `with` block. Processes started within the block inherit the blocking."""
+    """Block signals in a `with` statement. Processes that are started inside the statement inherit the signal mask."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, END_SIGNALS)
     try:
         yield

@@ -72,7 +72,8 @@ class StatedErrors:
     """Largest ratio of a position error to its 3 sigma, with sigma^2 the trace of the covariance."""
     attitude_ratio: float | None = None  #: Largest ratio of an attitude error to its 3 sigma.
     step_ratio: float | None = None  #: Largest ratio of the translation or rotation error of a step to its 3 sigma.
-    beyond_share: float | None = None  #: Fraction of compared pairs with a ratio above `SILENT_RATIO`.
+    beyond_share: float | None = None
+    """Fraction of the compared pairs whose largest ratio (position, attitude or step) exceeds `SILENT_RATIO`."""
     largest_error_m: float | None = None  #: Largest position error of compared pairs, metres.
 
     @property

@@ -94,7 +94,7 @@ def _check_statistics(statistics: Mapping[str, float]) -> None:
 
 
 def _check_array(name: str, values: FloatArray, shape: tuple[int, ...]) -> None:
-    """Raise ValueError if an array has another shape or a number beyond `MAX_NUMBER`."""
+    """Raise ValueError if an array does not have the given shape, or contains a number beyond `MAX_NUMBER`."""
     if values.shape != shape:
         raise ValueError(f"'{name}' has the shape {values.shape}: {shape} is required")
     largest = np.abs(values).max()

@@ -49,7 +49,7 @@ def refuse_others(context: Context, allowed: Iterable[str], reason: str) -> None
 
 
 def of_panels(context: Context, *panels: str) -> list[str]:
-    """Return the parameters of a command whose options are in one of the panels of the help."""
+    """Return the names of those parameters of a command that the help shows in one of the given panels."""
     options = context.command.params
     return [str(option.name) for option in options if getattr(option, "rich_help_panel", None) in panels]
 
@@ -198,8 +198,9 @@ def columns_of(texts: Sequence[str] | None) -> tuple[str, str]:
 def announced_config(source: Path, config: Path | None, remap: list[str] | None = None) -> SourceConfig:
     """Return how a source is read: by the file of `--config`, by default the file beside the source, and `--remap`.
 
-    The use of the file beside the source is reported. A command reads the configuration only here, before it checks its
-    outputs, because no output may replace this file. `io.registry.open_source` then opens the source.
+    The use of the file beside the source is reported. The configuration is read only here. A command calls this
+    function before it checks its outputs, so that no output replaces the configuration file.
+    `io.registry.open_source` then opens the source.
     """
     from sfr_loc_map.io.source_config import source_config
 

@@ -12,9 +12,10 @@ from sfr_loc_map.geometry.arrays import FloatImage, GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair
 
 # With the simulated rig, these depths are nearer than the ground in the middle of the image.
-BODY_DEPTH = 6.0  #: Depth of the rover's own body, baselines: 0.7 m with the simulated rig.
-OBJECT_DEPTH = 8.0  #: Depth of a crossing object, baselines: 1.0 m with the simulated rig.
-SHADOW_DEPTH = 12.0  #: Depth of the ground in the rover's shadow, baselines: 1.4 m with the simulated rig.
+BODY_DEPTH = 6.0  #: Depth of the rover's own body as a multiple of the baseline: 0.7 m with the simulated rig.
+OBJECT_DEPTH = 8.0  #: Depth of a crossing object as a multiple of the baseline: 1.0 m with the simulated rig.
+SHADOW_DEPTH = 12.0
+"""Depth of the ground in the rover's shadow as a multiple of the baseline: 1.4 m with the simulated rig."""
 TEXTURE_CONTRAST = 30.0  #: Standard deviation of the texture of body and object, grey levels (chosen by eye).
 SHADOW_BRIGHTNESS = 0.35  #: Factor on grey levels in the rover's shadow, which is lit only by the sky (chosen by eye).
 DIRT_BRIGHTNESS = 0.4  #: Factor on grey levels under dirt (chosen by eye).

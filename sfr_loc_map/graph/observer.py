@@ -157,7 +157,10 @@ class GraphObserver(Peer):
         self.subscribe(message_type(types[0]), full_name, received, qos)
 
     def _note_call(self, node: str, message: String) -> None:
-        """Record that a node has processed input: its last call is latched."""
+        """Record that a node has processed input.
+
+        Its last call is latched, so it is also received if it was published earlier.
+        """
         self._worked.add(node)
 
     def _topic(self, name: str, full_name: str, types: list[str], lost: int) -> ObservedTopic:

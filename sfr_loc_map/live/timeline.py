@@ -21,7 +21,7 @@ MAX_EVENTS = 400  #: Maximum number of events.
 MAX_TEXT = 200  #: Maximum length of a text.
 RECENT = 8  #: Number of last events among which the previous event of a lane is searched.
 FLICKER_S = 0.5  #: Two intervals of one kind are joined if tracking between them lasted less than this time, s.
-GAP_S = 2.0  #: A step of the stamps is an event if it exceeds this time, s, and `GAP_PERIODS` times the mean step.
+GAP_S = 2.0  #: Seconds. A step of the stamps is an event if it exceeds both this and `GAP_PERIODS` times the mean step.
 GAP_PERIODS = 20.0
 POSE = "pose"  #: Lane of the events of the last pose.
 

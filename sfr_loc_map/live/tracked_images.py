@@ -1,4 +1,4 @@
-"""Images of both rigs for a screen. While tracks arrive, they are drawn on the left image of localisation."""
+"""Images of both rigs for a screen. While tracks arrive, they are drawn on the left image of the localisation rig."""
 
 from __future__ import annotations
 

@@ -80,7 +80,7 @@ class StartPose:
             )
         given = start.T_ds_rb
         T_ds_rb = Transform(given.rotation.copy(), given.translation.copy(), given.given_quat_xyzw)
-        stamp_ns = None if start.stamp_ns is None else int(start.stamp_ns)  # integers of NumPy may overflow
+        stamp_ns = None if start.stamp_ns is None else int(start.stamp_ns)  # NumPy integers may overflow
         return StartPose(T_ds_rb, covariance, stamp_ns)
 
 

@@ -87,7 +87,10 @@ class KeyframeResult:
 
 
 def max_corners(rig: StereoRig, config: LocalisationConfig) -> int:
-    """Return the approximate number of cells of the grid in which corners are detected, by the size of the images."""
+    """Return the approximate number of cells of the corner-detection grid, which depends on the image size.
+
+    At most one corner is detected in each cell.
+    """
     pixels = rig.width * rig.height
     factor = 2 if pixels >= LARGE_IMAGE_PX else 1
     by_size: float = factor * max(pixels / MEGAPIXEL, 1.0) ** GROWTH

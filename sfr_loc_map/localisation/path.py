@@ -113,8 +113,8 @@ class History(NamedTuple):
     def at(self, stamp_ns: int) -> tuple[PastPose, float]:
         """Return the pose at a stamp, and the time between the returned pose and the stamp, s.
 
-        The pose is interpolated between two consecutive pairs, and the errors are those of the later pair. Otherwise
-        the nearest pose is returned, which is the last pose for a later stamp.
+        The pose is interpolated between two consecutive pairs, and the errors are those of the later pair. If the two
+        pairs are not consecutive, or if the stamp is outside the history, the nearest pose is returned.
         """
         last = self.poses[-1]
         if stamp_ns > last.stamp_ns:
@@ -346,9 +346,10 @@ def _valid_ns(pose: StartPose, stamp_ns: int, max_ahead_ns: int) -> int:
 
 
 def _with_external(T_world_left: Transform, pose: StartPose, model: RoverModel) -> tuple[Transform, FloatArray]:
-    """Return the pose of the world in DS if an external pose is that of RB at a pose of the left camera in the world.
+    """Return the pose of the world in DS that follows from an external pose of RB in DS.
 
-    The second value is the covariance `(6, 6)` of the external pose, for the left camera in the world.
+    `T_world_left` is the pose of the left camera in the world at the same time. The second value is the covariance
+    `(6, 6)` of the external pose, for the left camera in the world.
     """
     T_ds_world = pose.T_ds_rb @ model.T_rb_left @ T_world_left.inverse()
     covariance = model.covariance_of_left(

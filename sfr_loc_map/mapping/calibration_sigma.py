@@ -6,8 +6,8 @@ The configured residual distortion (`CalibrationPrior.distortion_px`) sets the t
   as a yaw, up to the yaw whose vertical disparity in the image corners equals the configured distortion. The standard
   deviation combines this apparent yaw, the noise of the measured yaw and the configured uncertainty of the yaw
   (`_yaw_threshold_rad`).
-- A vertical offset above the distortion and above `MIN_ROTATION_PX` increases sigma like a pitch. The threshold
-  contains no noise, because an offset is measured to a few hundredths of a pixel.
+- A vertical offset that exceeds both the distortion and `MIN_ROTATION_PX` is treated as a pitch error and increases
+  sigma accordingly. The threshold contains no noise, because an offset is measured to a few hundredths of a pixel.
 - Vertical disparity above a multiple of the distortion causes a warning (`pair_findings.vertical_warning_px`).
 
 A larger configured distortion therefore increases sigma, but also raises the yaw, the offset and the vertical disparity

@@ -56,7 +56,8 @@ def leak_in(resident: Sequence[int]) -> CallFinding | None:
 def is_misstated(measured_s: float, stated_s: float, calls: int, waited_s: float = 0.0) -> bool:
     """Return whether stated and measured times differ by more than copies and transfers explain.
 
-    `waited_s` is the time in which the call waited for a processor. A stated time may contain any part of this time.
+    `waited_s` is the time in which the call waited for a processor. The stated time may include all, part or none of
+    this wait.
     """
 
     def allowed_s(of_s: float) -> float:

@@ -129,7 +129,7 @@ class MethodProcess:
         self._folder.share([requested.pair for requested in request.pairs])
         order = request.order(number, self._folder.output)
         reply = self._supervised.exchange(order, Reply, self._call_timeout_s, running.check_memory)
-        if reply.get("number") != number:  # the method wrote a line, so that later answers would lag
+        if reply.get("number") != number:  # the method wrote to the pipe, so later answers would be one call late
             text = (
                 f"the process of the method answered call {reply.get('number')} in place of call {number}: the method "
                 "must not write to the pipe of the answers"

@@ -39,7 +39,7 @@ class ExternalOptions:
     frames: str | None = None
     timeout_s: float = 5.0  #: Timeout of the answer to a pair, also the wait in lock step; later answers are late.
     start_timeout_s: float = 60.0  #: Timeout of the node's subscription to images.
-    #: Convention of its poses relative to RB in DS; for a cloud, of its points relative to LM.
+    #: Convention of the node's poses relative to RB in DS, or of the points of its clouds relative to LM.
     convention: PoseConvention = field(default_factory=PoseConvention)
 
     @property

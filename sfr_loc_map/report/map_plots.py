@@ -14,7 +14,7 @@ from sfr_loc_map.report.plotted_data import errors_by_range, limits_on, map_of
 
 LOG_TICKS_MM = (0.1, 0.3, 1, 3, 10, 30, 100, 300, 1000, 3000, 10000)  #: Ticks of the colour bar of point errors, mm.
 SCATTER_ROWS = 3000  #: Maximum number of marks of map points.
-LAW_STEPS = 40  #: Number of pieces of a line of the law of triangulation.
+LAW_STEPS = 40  #: Number of segments of each line that shows the law of triangulation.
 
 
 def map_plots(score: Score) -> list[Plot]:

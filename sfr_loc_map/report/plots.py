@@ -113,7 +113,7 @@ TEMPLATE: dict[str, Any] = {
 class Plot:
     """One plot of a page."""
 
-    name: str  #: Used as an anchor and by the script.
+    name: str  #: Anchor of the plot in the page, by which the script of the page finds the plot.
     title: str
     caption: str  #: Explanation for the reader.
     data: list[Trace]

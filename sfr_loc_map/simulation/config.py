@@ -198,7 +198,10 @@ class SensorConfig:
         0.0, doc="Standard deviation of the logarithm of the exposure, from pair to pair.", low=0.0, high=1.0
     )
     gain_mismatch: float = param(
-        0.0, doc="Standard deviation of the logarithm of the right to left exposure ratio.", low=0.0, high=1.0
+        0.0,
+        doc="Standard deviation of the logarithm of the ratio of the right exposure to the left exposure.",
+        low=0.0,
+        high=1.0,
     )
     adc_bits: int = param(8, doc="Bits of the converter; images are stored with 8.", low=4, high=16)
 

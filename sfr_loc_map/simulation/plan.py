@@ -84,7 +84,7 @@ class Plan:
         return self.drive.count if self.config.drive.enabled else 0
 
     def check_frame(self, task: Task, frame: int) -> None:
-        """Raise ConfigError if a task has no pair of this number."""
+        """Raise ConfigError if a task has no pair with the number `frame`."""
         if not 0 <= frame < self.count(task):
             raise ConfigError(f"frame is {frame}: {task} has {self.count(task)} pairs, numbered from 0")
 

@@ -117,7 +117,7 @@ def _files_of_metadata(metadata: Path, stored: Sequence[Path]) -> BagFiles:
     )
 
 
-@lru_cache(maxsize=4)  # 10 ms for a text of 4 kB, and a command opens a bag several times
+@lru_cache(maxsize=4)  # parsing a text of 4 kB takes 10 ms, and a command opens a bag several times
 def _parse_metadata(text: str) -> _Metadata:
     content = parse_yaml(text)
     if not isinstance(content, dict) or METADATA not in content:

@@ -106,7 +106,7 @@ def _has(*alternatives: str) -> Callable[[OpenedFile], bool]:
 
 
 def _is_colmap(opened: OpenedFile) -> bool:
-    """Return whether a calibration has two files with the names of COLMAP."""
+    """Return whether a calibration consists of COLMAP's two files, judged by their names."""
     return opened.other is not None and is_colmap_list(opened.files[0])
 
 

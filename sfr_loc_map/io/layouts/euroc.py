@@ -5,7 +5,8 @@
     mav0/state_groundtruth_estimate0/data.csv     optional: timestamp [ns], p_xyz [m], q_wxyz, ... of B in the world
 
 The reader rectifies the images unless they are rectified. RB is the body frame B, and DS is the world frame of the
-truth, whose rate is kept. If the pose of the rig on the rover is unknown, the writer sets B to SB and omits the truth.
+truth. The truth is read at its own rate. If the pose of the rig on the rover is unknown, the writer sets B to SB and
+omits the truth.
 """
 
 from __future__ import annotations

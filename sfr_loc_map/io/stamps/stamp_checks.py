@@ -41,8 +41,8 @@ def check_fractions_are_padded(texts: Sequence[str], name: str) -> None:
     if longest in FRACTION_DIGITS and (is_unpadded or _increase_only_if_padded(texts, longest)):
         example = next(text for text in texts if text.strip().endswith(shorter[0]))
         raise InputError(
-            f"{name}: the fractions of seconds have different lengths and no leading zeros, such as "
-            f"'{example.strip()}', and are probably whole nanoseconds or microseconds:",
+            f"{name}: the fractions of seconds differ in length and have no leading zeros (an example is "
+            f"'{example.strip()}'), and are probably whole nanoseconds or microseconds:",
             "write leading zeros",
         )
 

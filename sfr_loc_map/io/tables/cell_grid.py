@@ -1,7 +1,7 @@
 """The cells of many rows of a table, which are found and read without a loop over the rows.
 
-All numbers are decoded together, as one list of JSON. JSON has only decimal numbers, so that `number_text`
-accepts each of these cells, too, and returns a bit-identical number.
+All numbers are decoded together, as one list of JSON. JSON accepts only decimal numbers. Every cell that is read here
+is therefore also accepted by `number_text`, which returns the same bits.
 """
 
 from __future__ import annotations

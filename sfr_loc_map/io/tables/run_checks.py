@@ -87,11 +87,12 @@ def _check_one_body(name: str, lines: IntArray, stamps_ns: IntArray, positions: 
 
 
 def _check_not_alternating(name: str, stamps_ns: IntArray, positions: FloatArray) -> None:
-    """Raise InputError if the path `(N, 3)` alternates between places, as the rows of several bodies with own stamps.
+    """Raise InputError if the path `(N, 3)` alternates between places.
 
-    The next row of the same body is then near, but not the next row. White noise of a stationary body has steps of at
-    most about three times the smallest distance to the following rows. A stationary body whose positions are rounded
-    may alternate between two places, so that the bodies must also move by more than their distance.
+    A path alternates if its rows belong to several bodies that have their own stamps. A row is then near the next row
+    of the same body, but far from the row that follows in time. White noise of a stationary body has steps of at most
+    about three times the smallest distance to the following rows. A stationary body whose positions are rounded may
+    alternate between two places, so the bodies are also required to move by more than their distance.
     """
     ordered = positions[np.argsort(stamps_ns, kind="stable")]
     count = len(ordered) - NEXT_ROWS

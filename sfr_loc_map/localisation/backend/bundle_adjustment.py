@@ -186,7 +186,7 @@ def _residual(problem: BundleProblem, n: int, k: int, side: int, work: _Workspac
 
 @jit_fast_ir_inline
 def _add_to_landmark(r: _Residual, jacobian: FloatArray, weighted: FloatArray, own: _LandmarkBlock) -> None:
-    """Add a position to the information and the right-hand side of its landmark."""
+    """Add an observed image position to the information matrix and the right-hand side of its landmark."""
     row = r.row
     residual = r.px
     information = own.information

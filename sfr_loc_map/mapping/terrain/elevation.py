@@ -17,7 +17,8 @@ from sfr_loc_map.mapping.point_covariance import rays_from_cameras
 from sfr_loc_map.mapping.terrain.cells import CellGrid
 
 MIN_POINTS = 3
-"""Minimum number of points of a cell with a height. One point remains without the lowest and the highest (`steps`)."""
+"""Minimum number of points that a cell needs to be given a height. With three points, one remains when `steps` removes
+the lowest and the highest."""
 TYPICAL_SLOPE = 0.1
 """Typical slope of ground, metres per metre, which converts a horizontal error of a point to a height error."""
 MIN_SIGMA_M = 1e-6  #: Lower bound of the random sigma of a point, metres, whose inverse square is a weight.

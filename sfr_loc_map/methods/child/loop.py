@@ -13,9 +13,10 @@ with
 - `report(answer, order)`: returns the `Answer`; arrays are saved to `order["output"]` plus `.cloud.npy` or
   `.disparity.npy`.
 
-The client measures time and memory, from the order to the answer with all results written. The seconds in the reply
-cover only the call, by a clock that the method could manipulate. An exception of the method is returned as a reply.
-This file requires only Python and numpy, because it runs in the interpreter of the method.
+The client measures the time and memory of a call from the sending of the order until it has the answer and all results
+are written. The seconds in the reply cover only the call, by a clock that the method could manipulate. An exception of
+the method is returned as a reply. This file requires only Python and numpy, because it runs in the interpreter of the
+method.
 """
 
 from __future__ import annotations

@@ -48,7 +48,10 @@ class Allowance(Enum):
     ANY_IF_POSITIVE = auto()
 
     def largest(self, bound: float) -> float:
-        """Return the largest complete value for a bound; infinity for any value."""
+        """Return the largest value of the figure with which a scope is complete, given the bound of a limit.
+
+        Infinity if every value is accepted.
+        """
         match self:
             case Allowance.BOUND:
                 return bound
@@ -97,13 +100,14 @@ class ShortfallKind(NamedTuple):
 
     @property
     def most_without_limits(self) -> float | None:
-        """The largest complete value if the score has no limits; None for any value."""
+        """The largest value with which a scope is complete if the score has no limits; None if every value is."""
         return self.most if self.is_required_without_limits else None
 
     def allowed_fraction(self, limit_name: str, bound: float, *, has_images: bool) -> float:
-        """Return the largest complete value of the figure by a limit, infinity for any value.
+        """Return the largest value of the figure with which a limit accepts a scope as complete.
 
-        `has_images` states whether the images of the drive are known. 0 for a limit that does not accept the shortfall.
+        Infinity if the limit accepts every value, and 0 if the limit does not accept the shortfall. `has_images` states
+        whether the images of the drive are known.
         """
         if limit_name == self.limit_name:
             return math.inf

@@ -176,8 +176,8 @@ def _by_mismatch(compared: ComparedPoses) -> Iterator[Tried]:
 def _remaining_after(mismatch: Mismatch, compared: ComparedPoses) -> FloatArray:
     """Return the disagreement of each sub-trajectory after the correction of a mismatch.
 
-    All poses of the estimate are corrected, because inverted motions refer to the first pose, which may have no true
-    pose.
+    All poses of the estimate are corrected, including those without a true pose, because inverted motions refer to the
+    first pose, which may be one of these.
     """
     if mismatch.is_of_truth:
         return compared.disagreements(mismatch.correct(*compared.true), compared.found)

@@ -301,7 +301,10 @@ def _motions(poses: PoseArrays) -> _Motions:
 
 
 def _fitted_axes(rb: _Motions, point: _Motions) -> FloatArray:
-    """Return the rotation of a point of the rover, fitted in turn with its lever arm, which changes displacements."""
+    """Return the rotation of the tracked body relative to RB.
+
+    The rotation and the lever arm are fitted alternately, because the lever arm changes the displacements.
+    """
     turn = _fitted_rotation(rb, point)
     for _ in range(AXES_FITS):
         lever_m = _fitted_lever_arm(rb, point, turn)

@@ -96,8 +96,9 @@ class FigureKind:
     #: Errors of sub-trajectories, `(M,)` or vectors `(M, d)`, that the figure is about; None for any other figure.
     compute_errors: Callable[[SubTrajectories], FloatArray] | None = None
     axes: tuple[str, ...] = ()
-    """Parts of the figure `position` with the components of these errors, if they are vectors. Drives are pooled by
-    axis, because mean vectors of drives cannot be added by their norms."""
+    """If the errors are vectors: for each of their components, the part of the figure `position` that contains this
+    component (`horizontal`: x and y). Drives are pooled by axis, because mean vectors of drives cannot be added by
+    their norms."""
     is_of_all_readings: bool = False  #: Whether these errors do not depend on the reading of the specification.
     is_without_height: bool = False  #: Whether only scores against a ground truth without heights have the figure.
 

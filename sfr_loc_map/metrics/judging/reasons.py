@@ -106,9 +106,9 @@ def unknown_of_truth(figure: str, score: Score) -> str | None:
     if truth is None:
         return None
     if figure in ("position", "chord") and not truth.height:
-        return "the truth has no heights: limit the figure horizontal instead"
+        return "the truth has no heights: set a limit on the figure 'horizontal' instead"
     if figure == "attitude" and truth.attitude and not truth.tilt:
-        return "the truth has no roll and pitch: limit the figure heading instead"
+        return "the truth has no roll and pitch: set a limit on the figure 'heading' instead"
     return None
 
 

@@ -121,9 +121,9 @@ def fault_of_counts(score: Score) -> str | None:
 
 
 def fault_of_verdicts(score: Score, derived: Score) -> str | None:
-    """Return the first difference of a score from `derived`, whose bounds and verdicts were derived again, or None.
+    """Return the first difference between a stored score and `derived`; None if they agree.
 
-    The texts of missing data are not compared.
+    `derived` is the same score with its bounds and verdicts recomputed. The texts of missing data are not compared.
     """
     if not _are_near(derived.figures, score.figures):
         return "its tolerance bounds do not follow from its sub-trajectories"

@@ -68,7 +68,7 @@ class LocalisationSession:
     # ---- transitions
 
     def set_rig(self, rig: StereoRig) -> bool:
-        """Set the rig of the next pair, whose extrinsics may be unknown; return whether its cameras have changed."""
+        """Set the rig of the next pair; its extrinsics may be unknown. Return whether the cameras have changed."""
         if self._rig is not None and self._rig.same_cameras(rig):
             self._rig = replace(self._rig, T_rb_sb=rig.T_rb_sb)
             return False

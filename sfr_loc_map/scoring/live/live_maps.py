@@ -185,7 +185,7 @@ class LiveMaps:
     def _judged(self, made: MapResult) -> JudgedMap:
         score = judged_by(Score(figures=made.figures, cloud=made.cloud), self._limits, partial=self._partial)
         missed = frozenset(verdict.name for verdict in score.missed)
-        # only a complete map that no limit applies to has no verdict, and no such map is worse than another
+        # A score has no verdict only if the map is complete and no limit applies to it. It ranks like one that passes.
         state = VerdictState.PASS if score.verdict is None else score.verdict
         error_m = score.number("point_error", "mean_plus_3sigma", part=None)
         rank = (state.rank, -len(missed), -math.inf if error_m is None else -error_m)

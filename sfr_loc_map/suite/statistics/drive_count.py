@@ -23,7 +23,8 @@ from sfr_loc_map.suite.statistics.groups import by_group
 from sfr_loc_map.suite.statistics.scored_job import ScoredJob
 
 MOST_DRIVES = 100_000  #: Maximum number of drives of a plan.
-OVERRUN = 4  #: Multiple of the fixed plan up to which the expected number of drives is computed.
+OVERRUN = 4
+"""The expected number of drives is computed for up to this multiple of the number of drives of the fixed plan."""
 
 
 class DriveCount(Struct, frozen=True, kw_only=True):

@@ -886,5 +886,5 @@ def test_what_a_planar_truth_does_not_know_is_said_and_not_judged(
     assert caplog.text.count("truth.unknown=none") == 1
     assert "the truth has no " in done.err
     if "position" not in judged:
-        assert "the truth has no heights: limit the figure horizontal instead" in done.err
+        assert "the truth has no heights: set a limit on the figure 'horizontal' instead" in done.err
     assert sfr(*words, "--set", "truth.unknown=none").code == 1
