@@ -68,7 +68,7 @@ class _KernelCache(FunctionCache):
 
 
 def _policy(**options: Any) -> Callable[[F], F]:  # noqa: ANN401 - numba's
-    """Return a decorator that compiles with options of numba and caches the compiled code.
+    """Return a decorator that compiles with numba options and caches the compiled code.
 
     No entry point for C is compiled. There is no caller in C, and the entry point of an inlined function would contain
     a further copy of the function.

@@ -190,7 +190,7 @@ def _column_of_statistic(name: str) -> str:
 
 def _cell(value: object) -> object:
     """Return the cell of a value: numbers in the shortest exact form, texts in one line without control characters."""
-    if isinstance(value, float):  # numbers of NumPy, too
+    if isinstance(value, float):  # also np.float64, whose repr contains its type
         return repr(float(value))
     return printable(value).replace("\n", "\\n").replace("\t", "\\t") if isinstance(value, str) else value
 

@@ -111,7 +111,7 @@ class StereoRig:
 
 
 def check_rig(rig: object) -> None:
-    """Check the rig of a localiser or mapper; GeometryError for another object, or if its images are too small."""
+    """Check the rig of a localiser or mapper; GeometryError if it is not a `StereoRig` or its images are too small."""
     if not isinstance(rig, StereoRig):
         raise GeometryError(f"the rig has the type {type(rig).__name__}: a StereoRig is required")
     if min(rig.width, rig.height) < MIN_SIDE_PX:

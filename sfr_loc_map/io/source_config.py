@@ -227,7 +227,7 @@ def file_in(name: str, folder: Path) -> str:
 def file_or_topic(name: str, folder: Path) -> str:
     """Return the absolute path of the file or bag that `truth.source` names in a folder, or the name of its topic.
 
-    A name with a dot is that of a file, also of a missing one, because names of ROS topics contain no dots.
+    A name with a dot is the name of a file, even if the file is missing, because ROS topic names contain no dots.
     """
     file = folder / name
     return file_in(name, folder) if "." in name or file.is_file() or is_bag(file) else name
@@ -272,10 +272,10 @@ def with_settings(
     calibration: Path | None = None,
     remap: Mapping[str, str] | None = None,
 ) -> Configuration:
-    """Return a configuration with changed values, whose names are `SECTION.KEY` or `SECTION`.
+    """Return a configuration with changed values.
 
-    A mapping changes the values that it contains, and keeps the other values of its section or group. `remap` is
-    applied before the settings.
+    The values have the names `SECTION.KEY` or `SECTION`. A mapping changes the values that it contains, and keeps the
+    other values of its section or group. `remap` is applied before the settings.
 
     File names in `values` and `calibration` are relative to the working directory. ConfigError if a section is unknown,
     if a value does not have the form of its section, or if two settings give a key different values.
@@ -359,7 +359,7 @@ def source_config(source: Path, path: Path | None = None, remap: Mapping[str, st
 def with_truth_settings(truth: Path, config: SourceConfig, settings: Mapping[str, Any], columns: str) -> SourceConfig:
     """Return a configuration of a truth that is changed by settings `truth.KEY` and by the columns of a table.
 
-    ConfigError for a setting of another section.
+    ConfigError if a setting is not in the section `truth`.
     """
     for name in settings:
         if Key.parse(name).section != "truth":

@@ -1,7 +1,7 @@
 """Views of a run in progress: the live page and the terminal.
 
 A run is a sequence of increasing stamps that the nodes process; if the stamps jump back, a new run begins. A record has
-the content of a received message without types of ROS.
+the content of a received message without ROS types.
 
     topics ──► feed (thread of ROS), map_feed (worker)   nodes ◄── operator ◄── commands (the buttons of a page)
             │ records (`updates`)

@@ -193,9 +193,9 @@ class Localiser:
         The executor makes keyframes. By default, this is one thread, which starts with the first keyframe and ends with
         this object.
 
-        GeometryError if the rig is another object, has no extrinsics or too small images (`check_rig`), or if the pose
-        is invalid (`StartPose.of`). ConfigError if a value of the configuration is invalid, if a mask cannot be read,
-        or if its size is not the rig's.
+        GeometryError if the rig is not a `StereoRig`, has no extrinsics or too small images (`check_rig`), or if the
+        pose is invalid (`StartPose.of`). ConfigError if a value of the configuration is invalid, if a mask cannot be
+        read, or if its size is not the rig's.
         """
         check_rig(rig)
         config = checked(config)
@@ -230,8 +230,8 @@ class Localiser:
         """Set an external pose. The pose is valid at its stamp, or at the next pair if it has no stamp.
 
         The pose replaces an earlier external pose that is not applied yet. Before the first pair, the pose replaces the
-        start pose. A pose whose stamp is more than `path.MAX_AHEAD_NS` after the next pair (a start pose:
-        `path.MAX_START_AHEAD_NS`) is of another clock, and applies at the next pair.
+        start pose. A stamp more than `path.MAX_AHEAD_NS` after the next pair (for a start pose:
+        `path.MAX_START_AHEAD_NS`) indicates a different clock. The pose then applies at the next pair.
 
         All later poses move with the external pose, and their covariances begin with its covariance. The map is
         discarded if no pair was accepted up to 1.5 periods before the stamp at which the pose applies
@@ -278,8 +278,8 @@ class Localiser:
         The odometry, for example from wheels, is the motion `T_before_now` of RB since `known_ns`. The odometry is an
         initial guess only. The images are copied, so that the caller may reuse their memory.
 
-        LocalisationError, and no change, if the pair is another object, if the size of the images is not the rig's, or
-        if the stamp of the pair is not later than that of the previous pair. GeometryError, and no change, if the
+        LocalisationError, and no change, if the pair is not a `StereoPair`, if the image size is not the rig's, or if
+        the stamp of the pair is not later than that of the previous pair. GeometryError, and no change, if the
         odometry has an invalid rotation or a coordinate above `MAX_GIVEN_M`.
         """
         self._check_pair(pair)

@@ -107,7 +107,7 @@ class History(NamedTuple):
         return History((*self.poses[-(HISTORY_PAIRS - 1) :], pose))
 
     def with_last(self, pose: PastPose) -> History:
-        """Return the history with another last pose."""
+        """Return the history with its last pose replaced."""
         return History((*self.poses[:-1], pose))
 
     def at(self, stamp_ns: int) -> tuple[PastPose, float]:

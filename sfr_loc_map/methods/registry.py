@@ -191,7 +191,7 @@ def _found(spec: str, task: Task, config: str) -> Method:
 
 
 def _is_dotted_name(text: str) -> bool:
-    """Return whether a text consists of one or more names of Python with dots between them."""
+    """Return whether a text consists of one or more Python identifiers separated by dots."""
     return all(part.isidentifier() for part in text.split("."))
 
 

@@ -252,7 +252,7 @@ def _paired_rows(mine: SubTrajectoryRows, theirs: SubTrajectoryRows, name: str) 
 
 
 def _overlap(starts: IntArray, ends: IntArray) -> float:
-    """Return the overlap of the common sub-trajectories, whose typical spacing may exceed that of the scores."""
+    """Return the overlap of the common sub-trajectories. Their typical spacing may exceed that of the scores."""
     spacing = int(np.median(np.diff(starts))) if len(starts) > 1 else 1
     return overlap_of(starts, ends, max(spacing, 1))
 

@@ -23,7 +23,7 @@ ESCALATION = ((signal.SIGINT, 10.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 3.0
 START = "sfr_loc_map.nodes.start"
 """Module that runs the `main` of another module. It delivers signals that are blocked while Python starts."""
 CANNOT_START = 2  #: Exit code of a node with invalid arguments or settings.
-ROUTINE = ("[DEBUG]", "[INFO]")  #: Beginning of the log lines of ROS that report no problem.
+ROUTINE = ("[DEBUG]", "[INFO]")  #: Prefixes of the ROS log lines that report no problem.
 WATCH_S = 0.2  #: Period of the check whether a process still runs, s.
 
 

@@ -12,7 +12,7 @@ from sfr_loc_map.errors import InputError
 CDR, ROS1 = "cdr", "ros1"
 OLD_TYPES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 """ROS 2 names of message types whose ROS 1 names differ, by ROS 1 name."""
-TYPESTORE = get_typestore(Stores.ROS2_JAZZY)  #: Types of the messages of ROS 2.
+TYPESTORE = get_typestore(Stores.ROS2_JAZZY)  #: Types of ROS 2 messages.
 
 
 def is_ros1(connection: Connection) -> bool:
@@ -26,12 +26,12 @@ def cdr_of_ros1(data: bytes, msgtype: str) -> bytes:
 
 
 def readable(connections: Sequence[Connection]) -> list[Connection]:
-    """Return the connections with messages of ROS 2 or ROS 1; raise InputError if all have other encodings."""
+    """Return the connections with ROS 2 or ROS 1 messages; raise InputError if there are only other encodings."""
     of_ros = [_of_ros2(each) for each in connections if _encoding(each) in (CDR, ROS1, "")]
     if connections and not of_ros:
         written = ", ".join(sorted({_encoding(each) for each in connections}))
         raise InputError(
-            f"its messages are encoded as {written}: messages of ROS 2 (cdr) or ROS 1 (ros1) are required;",
+            f"its messages are encoded as {written}: ROS 2 (cdr) or ROS 1 (ros1) messages are required;",
             "record or convert it as a ROS bag",
         )
     return of_ros

@@ -87,7 +87,7 @@ def read_frames(bag: Bag, child: str = "", parent: str = "") -> dict[str, Frame]
 
 
 def read_extrinsics(bag: Bag, camera_frame: str, baseline_m: float, base_frame: str = "") -> RigInBody | None:
-    """Return the pose of the rig from /tf_static, or else from a recorded localisation node; None without either."""
+    """Return the pose of the rig from /tf_static or, if unknown there, from a recorded localisation node; else None."""
     if (mount := rig_in_body(read_frame_tree(bag), camera_frame, baseline_m, base_frame)) is not None:
         return replace(mount, read_from=f"/tf_static, {mount.read_from}")
     configuration = configuration_topic(Task.LOCALISATION)

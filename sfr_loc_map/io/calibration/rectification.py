@@ -155,10 +155,10 @@ def _intrinsics_of_p(p: ArrayLike) -> FloatArray:
 
 
 def _check_scale(one: FloatArray, other: FloatArray, which: str, reference: str) -> None:
-    """Raise InputError if intrinsics fx, fy, cx, cy `(4,)` are those of another image size.
+    """Raise InputError if two sets of intrinsics fx, fy, cx, cy `(4,)` belong to different image sizes.
 
-    Another image size multiplies all of them by one factor. A rectification or another lens does not multiply the
-    principal point by the factor of the focal lengths.
+    A different image size multiplies all intrinsics by one factor. A rectification or a different lens does not
+    multiply the principal point by the factor of the focal lengths.
     """
     if min(one.min(), other.min()) <= 0.0:
         return

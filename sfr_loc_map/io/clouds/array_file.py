@@ -50,7 +50,7 @@ def parse_npy(data: bytes, fields: Collection[str] = ()) -> NDArray[Any]:
 
 
 def parse_npz(data: bytes, names: Collection[str]) -> dict[str, NDArray[Any]]:
-    """Return the named members of an NPZ archive, whose names may be in any case; missing members are omitted."""
+    """Return the named members of an NPZ archive. The case of names is ignored, and missing members are omitted."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             infos = {info.filename.removesuffix(".npy").lower(): info for info in archive.infolist()}

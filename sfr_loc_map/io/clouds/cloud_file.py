@@ -165,7 +165,10 @@ def _read_fields(path: Path) -> CloudFields:
 
 
 def _without_prefix(columns: Columns) -> Columns:
-    """Return the fields without the prefix by which CloudCompare marks its scalar fields, unless a name is taken."""
+    """Return the fields without the prefix that CloudCompare adds to scalar fields.
+
+    A field keeps its prefix if another field already has the name without the prefix.
+    """
     plain = {name: name.removeprefix(SCALAR_PREFIX) for name in columns}
     return {name if plain[name] in columns else plain[name]: values for name, values in columns.items()}
 
@@ -218,7 +221,7 @@ def _check_values(cloud: PointCloud, path: Path) -> None:
 def save_cloud(path: Path, cloud: PointCloud) -> None:
     """Write a cloud; the format is given by the ending of the name (`SUFFIXES`).
 
-    OutputError if the ending is another one, or if the file cannot be written.
+    OutputError if the ending is not one of these, or if the file cannot be written.
     """
     _save_fields(path, CloudFields.of(cloud))
 

@@ -53,7 +53,7 @@ class MappingTopics:
 
     @classmethod
     def of(cls, cameras: CameraTopics) -> MappingTopics:
-        """Return the topics of mapping pairs; InputError if a topic has another type."""
+        """Return the topics of mapping pairs; InputError if a topic has a wrong type."""
         bag = cameras.bag
         poses = require_topic(bag, NAV_POSE, POSE) if bag.matches(NAV_POSE) else None
         return cls(cameras, bag.find(TRUE_POINTS, POINTS), poses)

@@ -204,7 +204,7 @@ def open_bag(path: Path, config: SourceConfig = DEFAULT_SOURCE) -> Source:
 
 
 def _drive(bag: Bag, config: SourceConfig) -> BagLocSequence:
-    """Return the drive of a bag, whose extrinsics are those of the configuration, a calibration file or the bag."""
+    """Return the drive of a bag. The extrinsics are from the configuration, a calibration file or the bag."""
     topics = CameraTopics.of(bag, Task.LOCALISATION, config.calibration)
     cameras = calibrated_cameras(topics, config.calibration)
     mount = None

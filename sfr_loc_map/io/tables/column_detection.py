@@ -159,7 +159,7 @@ def _check_comments_state_metres(head: TableHead, columns: PoseColumns) -> None:
 
 
 def _without_other_units(line: str, head: TableHead) -> str:
-    """Return a line without the units in brackets of other columns if its titles name a position.
+    """If the titles of a line name a position, return the line without the units in brackets of other columns.
 
     A cell that is only a unit in brackets belongs to the title before it.
     """

@@ -180,7 +180,7 @@ def _reply(method: Any, images: Any, order: Order) -> str:  # noqa: ANN401
 
 
 def _without_numpy(value: object) -> object:
-    """Return a scalar or an array of numpy as numbers of Python; TypeError for another value."""
+    """Return a NumPy scalar or array as Python numbers; TypeError for any other value."""
     if isinstance(value, (np.generic, np.ndarray)):
         return value.tolist()
     raise TypeError(f"the result has a value of the type {type(value).__name__}: numbers and texts are required")

@@ -130,7 +130,7 @@ def is_statistic(name: str, value: float) -> bool:
 def stage_of(figure: str) -> str | None:
     """Return NAME for a figure `stage_NAME_s`, the time of a stage of a call; None for other figures.
 
-    The name is in quotes if a part of a row has another meaning by this name, such as `target` or `first call`.
+    The name is in quotes if the name has a different meaning as a part of a row, such as `target` or `first call`.
     """
     found = re.fullmatch(r"stage_(.+)_s", figure)
     if found is None:

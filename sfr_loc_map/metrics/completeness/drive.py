@@ -145,7 +145,7 @@ class TruthCoverage(NamedTuple):
         return np.asarray(is_inside | is_beside)
 
     def requires_frame(self, expected_ns: IntArray, near_ns: int) -> Mask:
-        """Return which ascending stamps are judged only if their estimate is a frame, which is paired with a true pose.
+        """Return which ascending stamps are judged only if their estimate is a frame, that is, has a true pose.
 
         - If the truth is interpolated: all stamps.
         - If the truth is matched: all stamps, or only the stamps of true poses if the truth is sparser than the images.

@@ -77,7 +77,7 @@ class ShortfallKind(NamedTuple):
     figure: str  #: Figure of completeness: the data as a fraction of `expected`; for `restarts` a number.
     scope: Scope | None  #: None for every scope, as of `UNKNOWN_ITEMS`.
     expected: str  #: What the figure is a fraction of.
-    #: Largest value of the figure for which the scope is complete, if the score has limits; None for any value.
+    #: Largest value with which the scope is complete if the score has limits; None if every value is accepted.
     most: float | None
     #: Why the scope is incomplete; empty if every value is complete. `judging.incomplete` inserts `percent`,
     #: `value`, the calls (`part`) and the missing estimates (`gaps`), and other values into the texts of

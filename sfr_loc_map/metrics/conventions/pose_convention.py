@@ -208,7 +208,7 @@ def converted_estimates(
 
     With `world=first_pose` the first pose that is not lost is aligned with its true pose, or with the identity if there
     is no truth. Covariances are propagated, but removed if poses are inverted or mirrored. Steps (`step_cov`) are
-    motions of RB and are kept only if the conventions differ in nothing but the world frame or the stamps. MetricsError
+    motions of RB and are kept only if the conventions differ at most in the world frame or the stamps. MetricsError
     if the estimate has only positions, or if the world frame cannot be aligned (`world_at_first_pose`).
     """
     check_attitudes(estimates.trajectory)

@@ -245,7 +245,7 @@ class AnswerCounts(Record, frozen=True, kw_only=True, omit_defaults=False):
     late: int = 0  #: Answers that were ignored because they arrived after the answer timeout.
     doubled: int = 0  #: Answers that were ignored because their pair had been answered before.
     other_stamp: int = 0  #: Answers whose stamp is not that of a pair; they are not used.
-    other_frame: int = 0  #: Answers that were ignored because they have other frame ids.
+    other_frame: int = 0  #: Answers that were ignored because their frame ids are not the required ones.
     not_usable: int = 0  #: Answers that were ignored as invalid, for example not finite or without x, y, z.
 
 

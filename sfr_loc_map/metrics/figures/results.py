@@ -38,7 +38,7 @@ class TrajectoryResult(SubjectResult):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScoredTrajectory(TrajectoryResult):
-    """The result of a trajectory with estimates and a truth, whose records are therefore known."""
+    """The result of a trajectory with estimates and a truth. All its records are therefore known."""
 
     association: Association
     truth: TruthRecord

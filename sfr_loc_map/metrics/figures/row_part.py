@@ -139,7 +139,7 @@ def range_part(low_m: float, high_m: float) -> RowPart:
 
 
 def range_of(part: str | None) -> tuple[float, float] | None:
-    """Return the bounds of a range of points, m; None for another part."""
+    """Return the bounds of a range of points, m; None if the part is not such a range."""
     found = re.fullmatch(f"{NUMBER}-{NUMBER} m", part or "")
     return None if found is None else (float(found[1]), float(found[2]))
 
@@ -150,6 +150,6 @@ def distance_part(distance_m: float) -> RowPart:
 
 
 def distance_of(part: str | None) -> float | None:
-    """Return the distance travelled of a part, m; None for another part."""
+    """Return the distance travelled of a part, m; None if the part is not such a distance."""
     found = re.fullmatch(f"{NUMBER} m", part or "")
     return None if found is None else float(found[1])

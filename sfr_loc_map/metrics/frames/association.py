@@ -128,7 +128,7 @@ class Frames(NamedTuple):
     estimate_rows: Rows
 
     def without_heights(self) -> Frames:
-        """Return the frames of a truth without heights, whose true heights are 0, with estimated heights of 0."""
+        """Return the frames with estimated heights of 0, for a truth without heights, which has true heights of 0."""
         return self._replace(position=horizontal(self.position))
 
     @property

@@ -215,7 +215,7 @@ def is_certain(limit: Limit, figure: LimitedValue) -> bool | None:
 
 
 def proof_verdict(limit: Limit, proof: Proof, row_index: int | None, truth_error: float) -> Verdict:
-    """Return the verdict on a limit with a fraction and a confidence, whose tolerance bound is a row of the table."""
+    """Return the verdict on a limit with a fraction and a confidence. Its tolerance bound is a row of the table."""
     independent = proof.record.independent
     figure = LimitedValue(proof.bound, proof.n, row_index=row_index, independent=independent, truth_error=truth_error)
     return verdict_of(limit, figure, proof.state, proof=proof.record)

@@ -189,7 +189,7 @@ def different_settings(scores: Sequence[Score], made: Sequence[Provenance]) -> l
 
 
 def other_recording(made: Sequence[Provenance]) -> tuple[InputFile, InputFile] | None:
-    """Return a ground truth of a drive and one of a map that come from different recordings; None without such a pair.
+    """Return a ground truth of a drive and one of a map that come from different recordings; None if there are none.
 
     Inputs with the same hash, or a file and the folder that contains it, come from one recording.
     """
@@ -210,9 +210,9 @@ def _is_one_place(first: InputFile, other: InputFile) -> bool:
 def each_by_its_limits(scores: Sequence[Score]) -> list[Score]:
     """Return scores that were judged by one limits file, each judged by the limits that apply to it.
 
-    A limit on a map, for example, is omitted from the score of a drive only if the score of a map is judged by the same
-    limit and the score of the drive has no value for the limit. If there are only drives, the limit applies to every
-    score. A caveat of the score names omitted limits.
+    For example, a limit on a map is omitted from the score of a drive on two conditions: the score of a map is judged
+    by the same limit, and the score of the drive has no value for the limit. If there are only drives, the limit
+    applies to every score. A caveat of the score names omitted limits.
     """
     of_own_task = [
         limit for score in scores for limit in score.active_rules.limits if task_of(limit) in tasks_of(score)

@@ -177,7 +177,10 @@ def point_error_rows(part: str | None, errors: PointErrors, chosen: Mask) -> Ite
 
 
 def sigma_rows(cloud: PointCloud, errors: PointErrors) -> Iterator[Figure]:
-    """Yield the mean of (error along the ray / sigma)^2 over one point of each block, whose errors are independent."""
+    """Yield the mean of (error along the ray / sigma)^2 over one point of each block.
+
+    The errors of points in different blocks are independent.
+    """
     sigma = cloud.sigma[errors.index].astype(np.float64)
     usable = np.flatnonzero(np.isfinite(sigma) & (sigma > 0) & np.isfinite(errors.along_m))
     points = errors.index[usable]

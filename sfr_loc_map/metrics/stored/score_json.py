@@ -46,7 +46,7 @@ def json_line(value: Any) -> str:  # noqa: ANN401 - any record, or dicts and lis
 def from_plain(kind: type[T], value: Any, name: str = "") -> T:  # noqa: ANN401 - any JSON
     """Return the value of a type from its JSON; `name` is the name of the value in messages.
 
-    RecordError, with a message of one line, if a key is missing or unknown or a value has another type.
+    RecordError, with a message of one line, if a key is missing or unknown, or a value has a wrong type.
     """
     try:
         return converted(kind, value)
@@ -162,7 +162,10 @@ def _text_of_part(value: object) -> str:
 
 
 def _part_of_text(kind: type[Any], value: Any) -> Any:  # noqa: ANN401 - any JSON
-    """Return the part of a row from its JSON, and a value of another type as it is; ValueError if a part is no text."""
+    """Return the part of a row from its JSON; ValueError if it is not a text.
+
+    If `kind` is not `RowPart`, the value is returned unchanged.
+    """
     if kind is not RowPart:
         return value  # msgspec checks its type
     if not isinstance(value, str):

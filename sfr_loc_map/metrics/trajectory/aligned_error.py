@@ -58,7 +58,7 @@ class AlignedErrors(NamedTuple):
 
 
 def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedErrorConfig) -> AlignedErrors:
-    """Return the absolute and relative pose error of an estimate, whose poses may be in any order.
+    """Return the absolute and relative pose error of an estimate; its poses may be in any order.
 
     Without true attitudes, rotation errors are unknown, and relative errors are those of displacements in DS. Without
     true roll and pitch, rotation errors are unknown, and the truth has the roll and pitch of the estimate.

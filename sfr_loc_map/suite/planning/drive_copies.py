@@ -89,10 +89,10 @@ class PartEnds(NamedTuple):
         )
 
     def is_continued_by(self, later: PartEnds) -> bool:
-        """Return whether a later part begins when this one ends, as far away as the rover can drive meanwhile.
+        """Return whether a later part begins when this one ends, at most as far away as the rover can drive meanwhile.
 
-        A part that begins in the first half of this one does not continue it: recordings whose stamps begin at 0, and
-        simulated drives, begin at the same time and place.
+        A part that begins in the first half of this one does not continue it, because recordings whose stamps begin at
+        0, and simulated drives, begin at the same time and place.
         """
         break_s = abs(later.start_ns - self.end_ns) / NS_PER_S
         begins_late = 2 * later.start_ns > self.start_ns + self.end_ns and later.end_ns > self.end_ns

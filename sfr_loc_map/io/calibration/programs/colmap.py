@@ -81,7 +81,7 @@ def _rows_of(file: Path) -> list[list[str]]:
 
 
 def _numbers(values: object, name: str, count: int) -> list[float]:
-    """Return `count` numbers; raise ValueError if the list has another length or other values."""
+    """Return `count` numbers; raise ValueError if the value is not a list of so many numbers."""
     try:
         numbers = [float(value) for value in values] if isinstance(values, list | tuple) else []
     except (TypeError, ValueError):

@@ -121,7 +121,7 @@ def _values(files: Sequence[Path]) -> dict[str, Any]:
 
 
 def _is_read(name: str) -> bool:
-    """Return whether the value with this plain name (`plain_name`) is read from files of OpenCV.
+    """Return whether the value with this plain name (`plain_name`) is read from OpenCV files.
 
     Two files of one calibration may differ in other values, such as dates.
     """

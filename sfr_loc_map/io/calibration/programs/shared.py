@@ -41,7 +41,10 @@ def side_by_side(name: str, cameras: list[PosedCamera], names: list[str]) -> Cam
 
 
 def two_files(opened: OpenedFile, one: str, other: str) -> list[Path]:
-    """Return the files of the two cameras, whose paths differ in a word; raise InputError if there is only one file."""
+    """Return the files of the two cameras; raise InputError if there is only one file.
+
+    The paths of the two files differ in one word.
+    """
     if opened.other is None:
         names = f"{opened.file.parent.name}/{opened.file.name}".lower()
         advice = f"with {other} in place of {one} or {one} in place of {other}"
