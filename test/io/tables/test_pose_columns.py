@@ -869,7 +869,9 @@ def test_what_a_planar_truth_does_not_know_is_said_and_not_judged(
     headings = np.arctan2(*matrix_from_quat(poses.quats_xyzw)[:, [1, 0], 0].T)
     level = np.column_stack((0 * headings, 0 * headings, np.sin(headings / 2), np.cos(headings / 2)))
     noise = 1e-3 * np.random.default_rng(5).normal(size=(COUNT, 3))
-    save_trajectory(tmp_path / "e.csv", Trajectory(poses.stamps_ns, poses.positions + noise, poses.quats_xyzw))
+    quats = poses.quats_xyzw + 1e-5 * np.random.default_rng(6).normal(size=(COUNT, 4))  # exact ones count as copies
+    quats /= np.linalg.norm(quats, axis=1, keepdims=True)
+    save_trajectory(tmp_path / "e.csv", Trajectory(poses.stamps_ns, poses.positions + noise, quats))
     save_trajectory(tmp_path / "t.csv", Trajectory(poses.stamps_ns, positions, poses.quats_xyzw if has_tilt else level))
     limits = tmp_path / "limits.yaml"
     keys = ("position_max_m", "horizontal_max_m", "attitude_max_deg", "heading_max_deg")
