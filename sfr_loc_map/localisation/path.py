@@ -328,7 +328,7 @@ class PathState(NamedTuple):
             of_map=past.errors.of_map(past.position),
             sums=past.errors.sums,
         )
-        if at_ns <= last_ns:  # the present pose is that of a pair, too
+        if at_ns <= last_ns:  # the present pose also belongs to a pair
             origin = origin.accepted()
         errors = self.errors.anchored(origin, at_last_pair=past.stamp_ns == last_ns)
         return self._replace(datum=self.datum._replace(T_ds_world=T_ds_world, anchored_ns=at_ns), errors=errors)

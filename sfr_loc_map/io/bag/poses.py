@@ -92,7 +92,7 @@ def read_extrinsics(bag: Bag, camera_frame: str, baseline_m: float, base_frame: 
         return replace(mount, read_from=f"/tf_static, {mount.read_from}")
     configuration = configuration_topic(Task.LOCALISATION)
     found_in = [name for name in bag.matches(configuration) if bag.topics[name] == STRING]
-    if len(found_in) != 1:  # no such topic, or topics of several rovers
+    if len(found_in) != 1:  # the topic is missing, or there are topics of several rovers
         return None
     message = bag.first([Topic(configuration, found_in[0], STRING)]).get(configuration)
     if message is None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 
-_OTHER_SPACES = (b"  ", b"\t")  #: Spaces other than one between two cells, such as those of aligned columns.
+_OTHER_SPACES = (b"  ", b"\t")  #: Separators that are not a single space, such as those of aligned columns.
 _numbers = msgspec.json.Decoder(list[float])
 
 

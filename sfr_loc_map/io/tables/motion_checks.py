@@ -29,19 +29,21 @@ from sfr_loc_map.io.tables.titles import split_unit
 from sfr_loc_map.io.tables.user_columns import columns_text
 
 LEVEL = 0.5  #: Smallest vertical component of the upward axis of a level vehicle: a tilt of 60 deg.
-FORWARD = 0.5  #: Smallest mean component along the path of the forward axis of a vehicle that drives forward.
+FORWARD = 0.5  #: Smallest mean component of the forward axis along the path, for a vehicle that drives forward.
 FEWEST_POSITIONS = 3  #: Smallest number of positions that show a path.
 FEWEST_POSES = 20  #: Smallest number of poses that can contradict a header.
-CLOSE_TO_PATH = 0.9  #: Smallest mean component along the path of the forward axis in the other order than that named.
-CLOSER_TO_PATH = 0.1  #: Smallest difference of this component to those in the named order.
+CLOSE_TO_PATH = 0.9
+"""Smallest mean component of the forward axis along the path if quaternions are read in the order that is not named."""
+CLOSER_TO_PATH = 0.1  #: Smallest difference between this component and the component in the named order.
 CHORDS = 50  #: Number of parts of a path; their chords are longer than the position noise.
 HEADING_FIT = 0.1  #: Largest deviation of headings from the path, as a fraction of the deviation of a straight line.
 LARGEST_DEG = 180.0  #: Largest longitude, deg.
 KILOMETRE_DEG = 0.01  #: One kilometre on the ground, deg of latitude.
 FAR_EXTENTS = 1000.0  #: Smallest distance from the origin of a path in degrees, as a multiple of its extent.
-LEVEL_IN_OTHER = 0.9  #: Smallest fraction of level poses of a vehicle in the other order of quaternions.
+LEVEL_IN_OTHER = 0.9
+"""Smallest fraction of level poses of a vehicle if quaternions are read in the order that is not named."""
 LEVEL_AS_READ = 0.5
-"""Smallest fraction of level poses of a vehicle in the order of the header or the layout. It is smaller than
+"""Smallest fraction of level poses of a vehicle in the order of the header or the layout. The fraction is smaller than
 `LEVEL_IN_OTHER`, because this order is stated."""
 _DEGREES = ({"lat", "latitude"}, {"lon", "long", "lng", "longitude"})
 """Names of the two columns of a geographic position, in lower case."""

@@ -202,7 +202,7 @@ def _fit(image: FloatImage, power: float, work: _Workspace) -> bool:
             moved_px = max(moved_px, abs(step) * (1 if a < 2 else half))
         shift_px = max(abs(plane[0] - start[0]), abs(plane[1] - start[1]))
         slope = max(abs(plane[2]), abs(plane[3]))
-        if not (shift_px <= MAX_SLOPE_SHIFT_PX and slope <= MAX_SLOPE):  # true for NaN, too
+        if not (shift_px <= MAX_SLOPE_SHIFT_PX and slope <= MAX_SLOPE):  # also true for NaN
             return False
         if moved_px < FINISHED_PX:
             break

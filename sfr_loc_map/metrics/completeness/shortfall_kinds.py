@@ -75,7 +75,7 @@ class ShortfallKind(NamedTuple):
     """A kind of missing, unjudged or unexpected data of one scope."""
 
     figure: str  #: Figure of completeness: the data as a fraction of `expected`; for `restarts` a number.
-    scope: Scope | None  #: None for every scope, as of `UNKNOWN_ITEMS`.
+    scope: Scope | None  #: None if the shortfall affects every scope, such as `UNKNOWN_ITEMS`.
     expected: str  #: What the figure is a fraction of.
     #: Largest value with which the scope is complete if the score has limits; None if every value is accepted.
     most: float | None

@@ -164,8 +164,8 @@ class SequentialTest(NamedTuple):
     def decision_over_all(self, has_failed: Sequence[bool]) -> tuple[VerdictState, int]:
         """Return the decision over drives in order, and the number of drives that it is based on.
 
-        A test that passes at an early drive fails if all drives together fail: the risks of the test hold at any time,
-        and drives that miss the limit must not be hidden behind others.
+        A test that passes at an early drive is also evaluated over all drives, and fails if these together lead to a
+        fail. The risks of the test hold at any time, and later drives that miss the limit must not be ignored.
         """
         state, drives = self.decision(has_failed)
         if state is VerdictState.PASS and self.state(sum(has_failed), len(has_failed)) is VerdictState.FAIL:

@@ -43,7 +43,7 @@ def error_figures(*, has_height: bool) -> list[FigureKind]:
 
 def errors_of(kind: FigureKind, sub_trajectories: SubTrajectories) -> FloatArray:
     """Return the errors of a figure of sub-trajectories."""
-    assert kind.compute_errors is not None  # as of all `all_error_figures`
+    assert kind.compute_errors is not None  # true of all `all_error_figures`
     return kind.compute_errors(sub_trajectories)
 
 

@@ -143,9 +143,9 @@ def tried_points(chooser: Chooser, evaluate: Evaluate, count: int, batch: int) -
 def reduced(found: TriedPoint, parameters: Sequence[Parameter], evaluate: Evaluate) -> TriedPoint:
     """Return a point with fewer and smaller changes of the scenario than `found` that still misses the limit.
 
-    First, each parameter in turn is reset to its usual value if the case still fails with that value. Then each
-    remaining parameter is moved towards its usual value by bisection, in `BISECTIONS` steps. Because the parameters are
-    reduced one after the other, another order may give a smaller change. If `found` meets the limit, it is returned.
+    First, the usual values of the parameters are tried one after the other, and a parameter keeps its usual value if
+    the case still fails. Then each remaining parameter is moved towards its usual value by bisection, in `BISECTIONS`
+    steps. A different order of the parameters may give a smaller change. If `found` meets the limit, it is returned.
     """
     if not found.fails:
         return found
