@@ -34,6 +34,7 @@ FOLDERS = ("PATH", "PYTHONHOME", "VIRTUAL_ENV", "CONDA_PREFIX", "CUDA_HOME", "CU
 SETTINGS = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
+    "OPENBLAS_CORETYPE",
     "BLIS_NUM_THREADS",
     "MKL_NUM_THREADS",
     "NUMBA_NUM_THREADS",
@@ -43,9 +44,13 @@ SETTINGS = (
     "NVIDIA_VISIBLE_DEVICES",
     "PYTHONHASHSEED",
 )
-"""Variables that a method receives if their value is a number (`NUMBER`) or one of `WORDS`: threads, devices, seed."""
+"""Variables that a method receives if their value is a number (`NUMBER`) or one of `WORDS`: threads, processor,
+devices, seed."""
 NUMBER = re.compile("-1|[0-9]{0,5}")  # also the empty value, by which CUDA_VISIBLE_DEVICES hides all devices
-WORDS = ("active", "passive", "all", "none", "void")
+BLAS_CORES = ("Nehalem", "Sandybridge", "Haswell", "Zen", "SkylakeX", "Cooperlake", "SapphireRapids", "ARMV8")
+"""Values of OPENBLAS_CORETYPE. The last digits of a result depend on this processor type, so that a method with another
+type than this process would differ from a run in this process."""
+WORDS = ("active", "passive", "all", "none", "void", *BLAS_CORES)
 """Words that a value of `SETTINGS` may be: a short list, so that a value carries no data. The list lacks `PASSIVE`,
 which is a setting of this package for its own process (`jit.py`)."""
 LOCALE = "C.UTF-8"  #: Locale of each method, because a result must not depend on the locale of the user.

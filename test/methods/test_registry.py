@@ -109,6 +109,7 @@ VARIABLES = {
     "NUMBA_NUM_THREADS": "4",
     "CUDA_VISIBLE_DEVICES": "1",
     "OMP_WAIT_POLICY": "passive",
+    "OPENBLAS_CORETYPE": "Haswell",
 }
 TRUTHS = {
     "MODE": "good",
