@@ -53,7 +53,7 @@ class StartPose:
     stamp_ns: int | None = None
 
     def __post_init__(self) -> None:
-        """Raise GeometryError if the pose is no Transform; `of` checks the values."""
+        """Raise GeometryError if the pose is not a `Transform`; `of` checks the values."""
         if not isinstance(self.T_ds_rb, Transform):
             raise GeometryError(f"T_ds_rb has the type {type(self.T_ds_rb).__name__}: a Transform is required")
 

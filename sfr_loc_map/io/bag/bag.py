@@ -211,7 +211,7 @@ class Bag:
 
 
 def restamped(raw: bytes, stamp_ns: int) -> bytes:
-    """Return a CDR message, which begins with a header, with another header stamp (XTypes 1.3, 7.4)."""
+    """Return a CDR message that begins with a header, with the header stamp replaced (XTypes 1.3, 7.4)."""
     order = "<" if raw[1] & 1 else ">"
     return raw[:4] + struct.pack(f"{order}iI", *divmod(stamp_ns, NS_PER_S)) + raw[12:]
 

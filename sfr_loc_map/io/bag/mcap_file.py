@@ -50,7 +50,7 @@ DEFINITIONS = {
     "ros2idl": MessageDefinitionFormat.IDL,
     "omgidl": MessageDefinitionFormat.IDL,
 }
-"""Formats of type definitions by schema encoding. Other encodings (protobuf, JSON) are not those of ROS."""
+"""Formats of type definitions by schema encoding. ROS does not use other encodings (protobuf, JSON)."""
 
 
 class Chunk(NamedTuple):

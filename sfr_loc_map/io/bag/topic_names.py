@@ -55,7 +55,7 @@ class TopicNames:
         return exact or [topic for topic, new in self.by_topic.items() if new.endswith(f"/{name}")]
 
     def namespaces(self) -> dict[str, list[str]]:
-        """Return, by namespace, the names of `TOPICS_READ` that exactly one topic has, and not by remapping."""
+        """Return, by namespace, the names of `TOPICS_READ` that exactly one topic has without being remapped."""
         found: dict[str, list[str]] = {}
         for name in TOPICS_READ:
             topics = self.matching(name)

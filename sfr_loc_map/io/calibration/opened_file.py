@@ -78,7 +78,7 @@ def partner_of(file: Path) -> Path | None:
 
 
 def _with_word(name: str, old: str, new: str) -> str:
-    """Return a name with another word in place of `old`, in the case of `old`: `Left.yaml` becomes `Right.yaml`."""
+    """Return a name with `old` replaced by `new`, in the case of `old`: `Left.yaml` becomes `Right.yaml`."""
 
     def in_its_case(found: re.Match[str]) -> str:
         if found[0].isupper():
@@ -118,7 +118,7 @@ def _documents(text: str) -> list[str]:
 
 
 def _one_of_equal(documents: Sequence[Any]) -> Any:  # noqa: ANN401 - any YAML
-    """Return the first of documents that differ at most in their header; raise ValueError if others differ."""
+    """Return the first of several documents; raise ValueError if they differ in more than their headers."""
     first, *others = (
         {name: value for name, value in each.items() if name != "header"} if isinstance(each, dict) else each
         for each in documents

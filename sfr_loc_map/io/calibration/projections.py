@@ -70,7 +70,9 @@ def with_baseline(p_left: ArrayLike, p_right: ArrayLike, baseline_m: float, text
 
 
 def check_centre(cx: float, cy: float, size: tuple[int, int], where: str) -> None:
-    """Raise InputError if a calibration is probably for another image size than `size`, which it may state wrongly.
+    """Raise InputError if a calibration is probably for an image size other than `size`.
+
+    The calibration itself may state `size`, but wrongly.
 
     Scaling an image multiplies both coordinates of the principal point by one factor, which cropping rarely does. The
     size is therefore wrong if the ratios to `size` are both below or both above `CENTRE_RATIOS`, and differ by at most

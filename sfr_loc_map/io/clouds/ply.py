@@ -201,7 +201,7 @@ def _ply_text(data: bytes, position: int, count: int, properties: list[_Property
 
 
 def _scalars_of(row: bytes, properties: list[_Property], line: int) -> list[bytes]:
-    """Return the scalar properties in a row with lists; raise ValueError, which names the line, for another number."""
+    """Return the scalar properties in a row with lists; raise ValueError if the number of values is wrong."""
     words = PLAIN_NAN.sub(b"nan", row).split()
     scalars: list[bytes] = []
     index = 0

@@ -96,7 +96,7 @@ def _by_stamp(folder: Path) -> tuple[dict[int, Path], str]:
 
 
 def _numbers_in_names(files: Sequence[Path]) -> tuple[dict[Path, str], str]:
-    """Return the number in the name of each file, and a name that has no number, or other words around it.
+    """Return the number in the name of each file, and a name without a number or with different words around it.
 
     All names may have the same words before and after the number, as in `left_1700000000123456789.png`.
     """

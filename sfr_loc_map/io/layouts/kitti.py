@@ -72,7 +72,7 @@ def open_kitti(path: Path, config: SourceConfig) -> Source:
 
 
 def _check_names(entries: Sequence[ImagePair]) -> None:
-    """Raise InputError if the folder of the left images has only images of other names than those of the benchmark."""
+    """Raise InputError if the folder of the left images has only images whose names are not those of the benchmark."""
     folder = entries[0].left.parent
     if any(entry.left.exists() for entry in entries):
         return

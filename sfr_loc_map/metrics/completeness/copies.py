@@ -45,14 +45,15 @@ COARSEST_OF_COPIES_M = 1e-3
 the truth exactly, and the grid may come from the drive instead of the rounding in a file."""
 ROUNDED_IN_A_ROW = 50  #: Number of consecutive rounded true poses that an estimate does not reach by chance.
 ROUNDED_PATH = 2000.0
-"""Minimum path of these poses, in units of the resolution: an error of 0.05 % over 2 m equals a resolution of 1 mm."""
+"""Minimum path of a run of such poses, in units of the resolution. An error of 0.05 % over 2 m equals a resolution of
+1 mm."""
 
 FINEST_ANGLE = 1e-5  #: Coarsest resolution of quaternions with which attitudes of an estimate equal those of a copy.
 UNITS_OF_CHANGE = 4.0  #: Largest change of a step by rounding, in units of the resolution of the positions.
 SCATTER = 25.0
-"""Least typical change between the steps of an estimate, in units of its change by rounding, for a test of
-interpolation. By chance, less than one step in 10 000 then equals the previous step."""
-FEWEST_CHANGES = 10  #: Least number of steps that differ from the previous step, for a test of interpolation.
+"""Minimum typical change between the steps of an estimate for a test of interpolation, in units of the change that
+rounding causes. By chance, less than one step in 10 000 then equals the previous step."""
+FEWEST_CHANGES = 10  #: Minimum number of steps that differ from the previous step, for a test of interpolation.
 SAME_RATE_RAD = 1e-5  #: Largest change of the rotation in a step by rounding, rad.
 
 

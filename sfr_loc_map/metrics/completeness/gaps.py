@@ -57,7 +57,7 @@ class Gaps(NamedTuple):
     ends_ns: IntArray  #: `(G,)`
 
     def with_others(self, others: Gaps) -> Gaps:
-        """Return these gaps and others, which may overlap."""
+        """Return these gaps together with further gaps; the gaps may overlap."""
         begins_ns = np.concatenate((self.begins_ns, others.begins_ns))
         ends_ns = np.concatenate((self.ends_ns, others.ends_ns))
         return Gaps(begins_ns, ends_ns)

@@ -178,7 +178,7 @@ def inverted_motions(compared: ComparedPoses) -> Iterator[Mismatch]:
 
 
 def units(compared: ComparedPoses) -> Iterator[Mismatch]:
-    """Yield the mismatches of positions in another unit than the metre.
+    """Yield the mismatches of positions in a unit other than the metre.
 
     The ratio of the sizes does not show whether estimate or truth has the wrong unit. The estimate is corrected only if
     the truth has the speed of a vehicle and the estimate does not. Otherwise a mismatch of the truth is reported,

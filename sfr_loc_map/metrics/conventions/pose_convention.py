@@ -119,14 +119,14 @@ class PoseConvention:
 
     @property
     def has_fitted_unit(self) -> bool:
-        """Whether the factor of the positions was probably fitted, because it is no known unit of length."""
+        """Whether the factor of the positions was probably fitted, because it is not a known unit of length."""
         exponent = np.log10(self.metres_per_unit)
         is_power_of_ten = bool(np.isclose(exponent, np.rint(exponent), rtol=0.0, atol=1e-9))
         return not is_power_of_ten and not bool(np.isclose(self.metres_per_unit, UNITS_M, rtol=1e-6, atol=0.0).any())
 
     @property
     def of_another_frame(self) -> bool:
-        """Whether the poses are those of another frame than RB."""
+        """Whether the poses are those of a frame other than RB."""
         return bool(self.extrinsics) or self.frame != RB
 
     def T_rb_child(self, rig: StereoRig | None) -> Transform:

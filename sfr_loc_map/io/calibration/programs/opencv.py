@@ -70,7 +70,7 @@ def read_opencv(opened: OpenedFile) -> CameraPair:
 
 
 class _Lens(NamedTuple):
-    """A camera of a file of OpenCV without its pose: size of the images, model, camera matrix and distortion."""
+    """A camera in an OpenCV file without its pose: size of the images, model, camera matrix and distortion."""
 
     size: tuple[int, int]
     model: str
@@ -130,7 +130,7 @@ def _is_read(name: str) -> bool:
 
 
 def _is_fisheye(values: Mapping[str, Any], ds: Sequence[Sequence[float]], where: str) -> bool:
-    """Return whether a flag (`fisheye: 1`) or a model in a file of OpenCV states a fisheye lens.
+    """Return whether a flag (`fisheye: 1`) or a model in an OpenCV file states a fisheye lens.
 
     A warning reports coefficients `ds` of both cameras that may be those of either lens, if the file has neither.
     """
