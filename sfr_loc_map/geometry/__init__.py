@@ -4,7 +4,7 @@ The modules, each after the modules that it imports:
 
 | module | contents |
 |---|---|
-| `arrays` | array types, two fast reductions |
+| `arrays` | array types, and fast functions of small arrays |
 | `robust_statistics` | scale and weight that are insensitive to outliers |
 | `plausibility` | bounds of cameras and poses from files, topics and parameters |
 | `rotation`, `transform` | rotations; rigid transforms `T_a_b`, and the propagation of their covariances |

@@ -18,7 +18,7 @@ cause an inferred one. The published reason is therefore not always that of the 
 | `SINGULAR`, `TOO_FAST` | `guards.check_pose` |
 | `SWAPPED` | `guards.check_order` in a new window, `guards.check_sides` in a pair with a pose |
 | `UNTEXTURED_SIDE`, `ONE_SIDED` | `guards.check_sides` |
-| `AFTER_GAP`, `DIVERGED` | `guards.check_window` |
+| `AFTER_GAP`, `DIVERGED` | `guards.check_gap`, `guards.check_adjustment` |
 | `CALIBRATION`, `SHEARED_ROWS` | `guards.check_calibration`, `guards.check_shear` |
 
 A new guard requires a `Finding`, a row in `RULES`, a function in `guards.py`, and a call in the localiser:

@@ -139,13 +139,17 @@ def check_sides(frame: StereoFrame, tracks: Tracks, tracker: Tracker, offset: Ri
     return frozenset({Finding.ONE_SIDED}) | _found(Finding.SWAPPED, is_swapped)
 
 
-def check_window(gap_keyframes: int, *, has_diverged: bool) -> frozenset[Finding]:
-    """Report a window that began after an unobserved motion, or that begins after an adjustment diverged.
+def check_gap(gap_keyframes: int) -> frozenset[Finding]:
+    """Report a window that began after an unobserved motion, until the window is full.
 
-    The arguments are `State.gap_keyframes` and `State.has_diverged`. Once the window has begun, `has_diverged` is
-    False, but `gap_keyframes` remains positive until the window is full.
+    The argument is `State.gap_keyframes`.
     """
-    return _found(Finding.AFTER_GAP, gap_keyframes > 0) | _found(Finding.DIVERGED, has_diverged)
+    return _found(Finding.AFTER_GAP, gap_keyframes > 0)
+
+
+def check_adjustment(*, has_diverged: bool) -> frozenset[Finding]:
+    """Report a window that begins because an adjustment diverged. The argument is `State.has_diverged`."""
+    return _found(Finding.DIVERGED, has_diverged)
 
 
 # ---- the right camera

@@ -328,7 +328,8 @@ class Localiser:
         if not tracks.is_trusted:
             with clock.stage("relocate"):
                 found = self._relocaliser.relocalise(frame, landmark_map.tracked, state.recovery, offset)
-            tracks = found or tracks
+            if found is not None:
+                tracks = found
         # 6 select the ground's motion; landmarks that do not move with the ground are no longer tracked
         changed = change.result()
         if images.is_left_frozen or images.has_stale_rows:
@@ -398,7 +399,7 @@ class Localiser:
         if verdict.refuses:  # the other guards require a valid pose
             return verdict
         findings |= guards.check_sides(frame, tracks, self._tracker, candidate.calibration.offset)
-        findings |= guards.check_window(state.gap_keyframes, has_diverged=state.has_diverged)
+        findings |= guards.check_gap(state.gap_keyframes)
         findings |= guards.check_calibration(candidate.calibration)
         findings |= guards.check_shear(candidate.shear.chi2, candidate.shear_mean)
         return decide(findings)
@@ -520,7 +521,8 @@ class Localiser:
         def count_if_swapped() -> int:
             return self._keyframes.landmark_count(frame.swapped(), pose, state.calibration, mask)
 
-        findings = of_images | guards.check_window(gap_keyframes, has_diverged=state.has_diverged)
+        findings = of_images | guards.check_gap(gap_keyframes)
+        findings |= guards.check_adjustment(has_diverged=state.has_diverged)
         findings |= guards.check_landmarks(frame, landmarks, min_tracked)
         findings |= guards.check_order(len(landmarks.rows), count_if_swapped, min_tracked, self._max_corners)
         statistics = TrackingStatistics(features=len(landmarks.rows))

@@ -147,7 +147,7 @@ class Datum(NamedTuple):
 
 
 class PathState(NamedTuple):
-    """Poses and accumulated errors so far. Each method but `pose_at` is an event, and returns the path after it."""
+    """Poses and accumulated errors so far. Each public method but `pose_at` is an event, and returns the next path."""
 
     last: LastPose  #: Last known pose in the present map, and the motion to it.
     datum: Datum  #: Pose of the world in DS.

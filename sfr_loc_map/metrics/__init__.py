@@ -15,8 +15,9 @@ package `scoring` reads the inputs, calls these functions and makes a `Score` of
 `judging.judge.judged_by` adds the verdicts. The score of a suite is judged by the same functions
 (`suite.statistics`), from the rows of its drives.
 
-Everything that can be missing or wrong is a line of `completeness.shortfall_kinds`, which `judging.incomplete`
-evaluates; `completeness` has the drawing. `figures.subjects` states which figures, expected items and task
+Everything that can be missing or wrong in a score is a line of `completeness.shortfall_kinds`, which
+`judging.incomplete` evaluates; `completeness` has the drawing. Missing drives of a suite are found by
+`suite.statistics`. `figures.subjects` states which figures, expected items and task
 belong together.
 
 The modules outside of the folders: `formulas` contains the formulas of the specification in the order of its

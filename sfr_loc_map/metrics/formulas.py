@@ -264,7 +264,8 @@ class Statistics(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, 
 
 STATISTICS = tuple(name for name in Statistics.__struct_fields__ if name not in ("n", "unknown"))
 """Names of the statistics, in the order of the columns."""
-QUANTILES = {name: float(name[1:].replace("_", ".")) for name in STATISTICS if name[1].isdigit()}
+PERCENTAGES = {name: float(name[1:].replace("_", ".")) for name in STATISTICS if name[1].isdigit()}
+QUANTILES = dict(sorted(PERCENTAGES.items(), key=lambda item: item[1]))
 """Statistics that are quantiles of the sizes, with their percentage, in ascending order: `p99_5` would be 99.5 %."""
 
 

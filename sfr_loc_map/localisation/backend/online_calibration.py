@@ -58,13 +58,14 @@ variance stays large. With a smaller value, a later change of temperature is tra
 DETECTION_SIGMAS: Final = 4.0
 """Minimum significance of a yaw that is corrected, in standard deviations. With normal errors, a correct calibration is
 changed by chance in one of 16 000 cases. With a larger value, a real yaw scales the path for longer."""
-MAX_CORRECTION_PX: Final = 0.05
-"""Maximum change of the yaw correction per keyframe, px. Each change moves the pose. The value is a sixth of the prior
-standard deviation. With a larger value, the path has larger steps. With a smaller value, the path is scaled for
+SMALL_CORRECTION_PX: Final = 0.05
+"""Maximum change of the yaw correction per keyframe while the remaining yaw is small, px. A large yaw permits larger
+changes (`CORRECTION_GAIN`). Each change moves the pose. The value is a sixth of the prior standard deviation. With a
+larger value, the path has larger steps. With a smaller value, the path is scaled for
 longer."""
 CORRECTION_GAIN: Final = 0.2
-"""Ratio of the maximum change to the remaining yaw, if that change exceeds `MAX_CORRECTION_PX`. Three keyframes halve a
-large yaw (0.8^3 = 0.51). Larger or smaller values have the same effects as for `MAX_CORRECTION_PX`."""
+"""Ratio of the maximum change to the remaining yaw, if that change exceeds `SMALL_CORRECTION_PX`. Three keyframes halve
+a large yaw (0.8^3 = 0.51). Larger or smaller values have the same effects as for `SMALL_CORRECTION_PX`."""
 UNSETTLED_PX: Final = 0.2
 """Remaining yaw, px, above which poses are degraded. The value is below the prior standard deviation of the yaw. With a
 larger value, poses on a bent path are published as good. With a smaller value, more pairs are degraded, although the
@@ -199,7 +200,7 @@ class YawEstimate(NamedTuple):
 
     def corrected(self) -> YawEstimate:
         """Return the yaw after one step of the correction."""
-        most_px = max(MAX_CORRECTION_PX, CORRECTION_GAIN * abs(self.remaining_px))
+        most_px = max(SMALL_CORRECTION_PX, CORRECTION_GAIN * abs(self.remaining_px))
         step_px = float(np.clip(self.remaining_px, -most_px, most_px))
         return self._replace(corrected_px=self.corrected_px + step_px)
 

@@ -31,8 +31,8 @@ MIN_INLIER_WEIGHT = 0.5
 """Minimum weight of a landmark that agrees with the pose. It corresponds to a residual of 1.3 standard deviations."""
 MIN_YAW_LANDMARKS = 9  #: Minimum number of landmarks with a weight: one for each unknown of the step.
 ENOUGH_LANDMARKS = 300
-"""Approximate number of landmarks used. With 300, the error that all landmarks of an image have in common exceeds the
-random error of their mean."""
+"""Minimum number of landmarks used, if there are as many. Every n-th landmark is used, at most twice this number. With
+300, the error that all landmarks of an image have in common exceeds the random error of their mean."""
 POSE, YAW, LEFT_SHEAR, RIGHT_SHEAR = slice(6), 6, 7, 8
 """Unknowns of the step: pose, yaw of the right camera, shears of the left and of the right image."""
 SHEAR = slice(LEFT_SHEAR, RIGHT_SHEAR + 1)  #: Unknowns of both shears.

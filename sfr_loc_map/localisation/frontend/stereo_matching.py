@@ -25,8 +25,8 @@ from sfr_loc_map.localisation.frontend.row_search import search_corners
 from sfr_loc_map.parallel import in_halves
 
 REFINEMENTS = 2
-"""Number of fits of slopes, each followed by tracking with these slopes. The first fit uses the disparities of the
-search, and the second fit uses the tracked disparities."""
+"""Number of fits of slopes that are each followed by tracking with these slopes. The first fit uses the disparities of
+the search, and the second fit uses the tracked disparities. The slopes of the new landmarks are those of a last fit."""
 MAX_SHIFT_PX = 2.5  #: Maximum correction of a disparity of the search, px. One step of the search is 2 px.
 ITERATIONS = 12
 """Maximum number of Gauss-Newton iterations of a disparity: twice that of a track, which starts closer to the

@@ -62,8 +62,9 @@ finding is `RECOVERING`.
 
 While the ground is not identified, the motion that is not selected may be the ground's. Each pair with a second motion,
 or with an unexplained part of the image, is therefore degraded. Unexplained landmarks in the first tracked pair of a
-window are an exception, because their usual fraction is not known yet. A motion of the rover's own body is another
-exception: only the covariance of this pose is larger, because the cells of the body are excluded from the next pairs.
+window are an exception, because their usual fraction is not known yet. A motion of the rover's own body degrades the
+pair, too, but is not ambiguous: only the covariance of this pose is larger, because the cells of the body are excluded
+from the next pairs.
 
 The method has four known limits:
 

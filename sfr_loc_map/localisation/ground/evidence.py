@@ -5,12 +5,12 @@ takes up to some milliseconds, and is therefore made only if the earlier evidenc
 
 | search | is made if the main motion |
 |---|---|
-| `_motion_off_body`: motion off the own body | is not credible |
-| `_is_double_exposure`: second exposure | is trusted, not contradicted, and explains more than half of the landmarks |
-| `_other_motion`: second motion | is trusted, but contradicted or unusual, and there is no second exposure |
+| `_motion_off_body`: motion off the own body | is not credible, and 12 landmarks lie in stationary cells |
+| `_is_double_exposure`: second exposure | is trusted, not contradicted, with 3 % to half of the landmarks unexplained |
+| `_other_motion`: second motion | is trusted, but contradicted or unusual |
 
-The last two searches are not made if parts of the images are stale as in the previous pair. The package docstring
-defines the terms.
+A search is made only if the searches above it found nothing. The last two are not made if parts of the images are stale
+as in the previous pair. The package docstring defines the terms.
 """
 
 from __future__ import annotations
@@ -80,8 +80,7 @@ class Evidence(NamedTuple):
     is_half_unexplained: bool  #: Whether nearly half of the landmarks do not follow the main motion.
     shown_by_main: Shown  #: What the pair shows if the main motion is the only motion.
     memory: GroundMemory  #: Memory of the earlier pairs, before this pair.
-    # results of the searches: by default nothing was found or searched for. Whether a search is made depends only on
-    # the fields above
+    # results of the searches: by default nothing was found or searched for; at most one search has a result
     off_body: Motion | None = None  #: Motion of the landmarks off the own body; None if no body was found.
     is_double_exposure: bool = False  #: Whether the left image of this or of the last pair shows two exposures.
     two: TwoMotions | None = None  #: The main motion and a second motion; None if no second motion was found.

@@ -156,9 +156,10 @@ def systematic_step(step: StepMotion, depth_m: float, calibration: OnlineCalibra
         attitude = lens_turn length sign(x of the motion of RB)
 
     The sign makes the effects of a step forwards and of a step backwards cancel. The terms of a pose for the same
-    errors differ from these formulas in two points. `correlated` sums the lengths without the sign, which is an upper
-    bound. In `disparity`, the remaining yaw is multiplied by `unsettled_yaw_ratio`, because that term also contains
-    `uncorrected`.
+    errors differ from these formulas. `correlated` sums the lengths without the sign, which is an upper bound. In
+    `disparity`, the depth is that of the map, and the remaining yaw is multiplied by `unsettled_yaw_ratio`, because
+    that term also contains `uncorrected`. The position of a pose has the covariance of one error along the path. The
+    six components of a step are used as independent errors (`StepEstimate`), which neglects their correlation.
     """
     disparity_px = math.sqrt(
         model.sources.disparity_px**2 + calibration.yaw.sigma_px**2 + calibration.yaw.remaining_px**2

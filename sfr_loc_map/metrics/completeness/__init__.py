@@ -2,7 +2,7 @@
 
     1. count     expected_items, drive (gaps), copies, trajectory.{other_frames, standing} ─► rows of completeness
     2. compare   rows, SHORTFALLS (shortfall_kinds), limits ─► judging.incomplete ─► shortfalls with their scope
-    3. apply     shortfalls, SUBJECTS (figures.subjects) ─► judging.limited ─► a pass of a limit becomes incomplete
+    3. apply     shortfalls, SUBJECTS (figures.subjects) ─► judging.judge ─► a pass of a limit becomes incomplete
 
 1. `drive` counts the expected, judged, missing and extra items of a drive, with the `gaps` between its estimates, and
    `expected_items` those of every other subject. `copies` counts poses that are not measurements.

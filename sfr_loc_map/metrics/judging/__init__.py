@@ -12,6 +12,6 @@
 is the table of everything that can be missing or wrong.
 
 `several_scores` combines the verdicts of several scores. `reasons` states why a verdict is undecided.
-`limits_template` writes a template of a limits file. In `metrics` only `stored` imports this package, because the check
-of a stored score derives its verdicts again.
+`limits_template` writes a template of a limits file. In `metrics` only `stored` and `comparison` import this
+package: the check of a stored score derives its verdicts again, and a comparison states what each score cannot judge.
 """
