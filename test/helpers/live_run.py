@@ -57,7 +57,7 @@ def pose_pair(number: int, received_s: float, *, lost: bool = False) -> tuple[Po
     wobble = 0.002 * math.sin(0.7 * number)
     estimate = (truth[0] * 1.004 + wobble, truth[1] * 1.004 - wobble, wobble)
     covariance = np.eye(6) * (LOST_VARIANCE if lost else 1e-4)
-    (true_quat, quat) = ((0.0, 0.0, math.sin(a / 2), math.cos(a / 2)) for a in (angle, angle + 0.001 * wobble))
+    (true_quat, quat) = ((0.0, 0.0, math.sin(a / 2), math.cos(a / 2)) for a in (angle, angle + 0.05 * wobble))
     return (
         PoseSample(Track.TRUTH, stamp_ns, truth, true_quat, received_s, None),
         PoseSample(Track.ESTIMATE, stamp_ns, estimate, quat, received_s, covariance),

@@ -40,7 +40,10 @@ HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
 
 
 def drive(frames: int) -> tuple[Estimates, Trajectory]:
-    """Return an estimate and its truth: a bend with steps of 0.1 m, and a random walk of 1 mm a step."""
+    """Return an estimate and its truth, a bend with steps of 0.1 m.
+
+    The error is a random walk of 1 mm a step and noise of the yaw.
+    """
     rng = np.random.default_rng(3)
     stamps = START_NS + np.arange(frames) * 500_000_000
     heading = np.linspace(0.0, 2.0, frames)
@@ -48,11 +51,13 @@ def drive(frames: int) -> tuple[Estimates, Trajectory]:
     truth = np.cumsum(steps, axis=0)
     quats = np.column_stack((np.zeros((frames, 2)), np.sin(heading / 2), np.cos(heading / 2)))
     wander = np.cumsum(rng.normal(0, 1e-3, (frames, 3)), axis=0)
+    yaw = heading + rng.normal(0, 2e-4, frames)
+    estimated_quats = np.column_stack((np.zeros((frames, 2)), np.sin(yaw / 2), np.cos(yaw / 2)))
     covariance = np.zeros((frames, 21))
     covariance[:, [0, 6, 11, 15, 18, 20]] = 1e-6 * np.arange(1, frames + 1)[:, None]
     lost = np.zeros(frames, np.bool_)
     lost[frames // 2 : frames // 2 + 3] = True
-    estimates = Estimates.of(Trajectory(stamps, truth + wander, quats), lost, covariance=covariance)
+    estimates = Estimates.of(Trajectory(stamps, truth + wander, estimated_quats), lost, covariance=covariance)
     return estimates, Trajectory(stamps, truth, quats)
 
 

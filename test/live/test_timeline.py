@@ -62,7 +62,7 @@ def test_what_happened_is_told_with_its_times() -> None:
     texts = " ".join(event["text"] for event in event_values(state)["events"])
     for expected in ("stamps jump forward by 3600.1 s", "stamps jump back by 3599.9 s", "mapping_node: out of memory"):
         assert expected in texts
-    assert ": 27.9 mm, limit ≤ 0.001 mm, margin -27.9 mm" in texts
+    assert ": 27.52 mm, limit ≤ 0.001 mm, margin -27.52 mm" in texts
     assert all(end is not None for *_, end in told)
     ended = live_values(state, 20.0)
     assert (ended["ended"], ended["aborted"]) == (True, {"by": "monitor_node was killed by SIGKILL", "at": 13.0})

@@ -29,7 +29,7 @@ def test_verdicts_are_of_the_reading_that_is_judged_whatever_the_order_of_rows(r
     limits = parse_limits(LIMITS, "test")
     score = judged_by(score, limits)
     expected = [(item.name, item.part, item.value) for item in score.verdicts]
-    assert {part for name, part, _ in expected if name.startswith(("position", "attitude"))} == {str(reading)}
+    assert {part for name, part, _ in expected if name.startswith(("position_", "attitude_"))} == {str(reading)}
     assert {part for name, part, _ in expected if name.startswith(("point", "coverage", "localisation"))} == {None}
     rng = np.random.default_rng(1)
     for _ in range(20):

@@ -26,7 +26,7 @@ LIMITS: dict[str, Any] = {
     "trajectory": [
         {
             "condition": "distance=5",
-            "position_mean_plus_3sigma_m": {"limit": 10.0, "id": "R1", "text": "The position, at most 10 m."},
+            "position_mean_plus_3sigma_m": {"limit": 4.0, "id": "R1", "text": "The position, at most 4 m."},
             "attitude_mean_plus_3sigma_deg": {"limit": 1e-9, "id": "R2"},
         },
         {"condition": "distance=500", "position_mean_plus_3sigma_m": {"limit": 0.1, "id": "R3"}},
@@ -62,8 +62,8 @@ def test_numbers_are_those_of_the_score_in_the_unit_of_the_limit(score: Score) -
     row = rows_of(control_csv({"score.json": score}))["R1"]
     item = next(item for item in score.verdicts if item.id == "R1")
     assert tuple(row) == COLUMNS
-    assert (float(row["limit"]), float(row["value"]), row["unit"]) == (10.0, item.value, "m")
-    assert row["text"] == "The position, at most 10 m."
+    assert (float(row["limit"]), float(row["value"]), row["unit"]) == (4.0, item.value, "m")
+    assert row["text"] == "The position, at most 4 m."
     assert row["clause"] == "4.2.3.1"
     memory = rows_of(control_csv({"score.json": score}))["R4"]
     assert (float(memory["limit"]), memory["unit"]) == (2e9, "bytes")

@@ -44,7 +44,7 @@ TEN: dict[str, Any] = {
         {
             "condition": "distance=5",
             "position_mean_plus_3sigma_m": {"limit": 0.02, "id": "R1", "text": HOSTILE, "certain": True},
-            "attitude_mean_plus_3sigma_deg": {"limit": 1e-9, "id": "R2", "text": "attitude"},
+            "attitude_mean_plus_3sigma_deg": {"limit": 0.5, "id": "R2", "text": "attitude"},
             "lost_max_share": {"limit": 0.0, "id": "R3"},
         },
         {"condition": "distance=500", "position_mean_plus_3sigma_m": {"limit": 0.1, "id": "R4"}},
@@ -60,8 +60,6 @@ def scores() -> list[Score]:
     """A score with ten requirements, a map alone, and one of a part of the drive."""
     whole = whole_score()
     assert whole.provenance is not None
-    figures = tuple(row for row in whole.figures if row.figure != "attitudes_of_truth")  # its attitudes are exact
-    whole = replace(whole, figures=figures)
     parts = [with_target(whole), of_map(whole), half(of_drive(whole))]
     named = [
         replace(part, provenance=replace(whole.provenance, command=command))

@@ -124,15 +124,15 @@ def test_a_suite_that_was_extended_until_it_passed_or_has_other_limits_deviates(
         summary = run_here(suite, tmp_path / folder, monkeypatch)
         return summary.verdict, {(item.text, item.of) for item in summary.deviations}
 
-    verdict, usual = deviations_of(9, 1.0, "fixed in advance")
+    verdict, usual = deviations_of(9, 0.5, "fixed in advance")
     assert verdict == "pass"
-    verdict, few = deviations_of(6, 1.0, "extended")
+    verdict, few = deviations_of(6, 0.5, "extended")
     assert verdict == "not enough data"
-    assert deviations_of(6, 1.0, "extended") == (verdict, few), "a report of the same drives is not another look"
-    verdict, extended = deviations_of(9, 1.0, "extended")
+    assert deviations_of(6, 0.5, "extended") == (verdict, few), "a report of the same drives is not another look"
+    verdict, extended = deviations_of(9, 0.5, "extended")
     assert verdict == "pass"
     assert [of for _, of in extended - usual] == ["score"]
-    for drives, limit_m, count in ((9, 2.0, 1), (9, 1.0, 0)):
+    for drives, limit_m, count in ((9, 0.8, 1), (9, 0.5, 0)):
         _, found = deviations_of(drives, limit_m, "fixed in advance")
         assert [of for _, of in found - usual] == ["all results"] * count, "the limits that were first are no deviation"
 
