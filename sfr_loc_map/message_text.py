@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 MAX_MESSAGE = 600  #: Maximum length of a message, characters. The middle of a longer text is omitted.
 _TAIL = 200
-_NUMBER = re.compile(r"-?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?")
+_NUMBER = re.compile(r"(?<![\w/])-?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?")  # not the number in a name like /cam0
 _UNPRINTABLE = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufeff\ufffe\uffff]"
 )

@@ -186,12 +186,16 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         odometry_ns = self._motion_prior.last_ns
         if not received or pairs[True] or not pairs[False] or image_ns is None:
             return
-        off = "has no usable stamp"
+        off = "it has no usable stamp"
         if odometry_ns is not None:
-            off = f"has stamps that differ by {(odometry_ns - image_ns) / NS_PER_S:.6g} s from those of the images"
+            off_s = (odometry_ns - image_ns) / NS_PER_S
+            off = (
+                f"its stamps differ by {off_s:.6g} s from those of the images, or it does not cover the time since the "
+                "last known pose"
+            )
         self.status.warn(
-            f"{MOTION_PRIOR} is received but not used: it {off}; stamp it with the clock of the images, or, if it is "
-            "only late, increase motion_prior.wait_s",
+            f"{MOTION_PRIOR} is received but not used: {off}; stamp it with the clock of the images, publish it "
+            "without gaps, or, if it is only late, increase motion_prior.wait_s",
             MOTION_PRIOR,
         )
 

@@ -271,8 +271,8 @@ def _relaxed_limit(item: Verdict, score: Score) -> Iterator[str]:
 def _limit_without_motion(item: Verdict, score: Score) -> Iterator[str]:
     """Yield a limit that an estimate without motion meets: an error of the complete distance, or of half a turn.
 
-    On a straight path, the position error of such an estimate is the distance, with a standard deviation of 0. An error
-    of attitude or heading is at most 180 deg.
+    On a straight path, the position error of such an estimate is the distance. An error of attitude or heading is at
+    most 180 deg. A limit on the standard deviation alone, which is 0 on such a path, is compared with the same values.
     """
     bounds = {"attitude": HALF_TURN_DEG, "heading": HALF_TURN_DEG}
     for each in Condition.parse(item.condition).components if item.condition else ():

@@ -92,7 +92,7 @@ def read_drive(inputs: ScoreInputs, given: InMemory, true: ReadTruth, calls: Run
         found = found.with_stamps_of(true.poses)
     caveats += check_estimate(found.trajectory, calls.of_estimate)
     caveats += _caveats_about_images(inputs, calls, true)
-    caveats += _caveats_about_truth(true)
+    caveats += _caveats_about_truth(true, inputs.estimate)
     here = [*calls.here, *of_bag]
     estimates = estimates_of_calls(found.trajectory, here, calls.on_target, found.covariance)
     return ReadDrive(replace(_drive_of(found, estimates, true), caveats=tuple(caveats)), of_bag)
@@ -120,7 +120,7 @@ def _caveats_about_images(inputs: ScoreInputs, calls: RunCalls, true: ReadTruth)
     yield from other_images(calls.given, pairs, source.path)
 
 
-def _caveats_about_truth(true: ReadTruth) -> Iterator[str]:
+def _caveats_about_truth(true: ReadTruth, estimate: Path | None) -> Iterator[str]:
     """Yield a caveat if the file of the true poses is the output of a run, or if a configuration beside it is not used.
 
     A file of poses is read without the `sfr.yaml` beside it, because this file may describe another source.
@@ -128,7 +128,9 @@ def _caveats_about_truth(true: ReadTruth) -> Iterator[str]:
     place = true.how.truth.file or true.place
     if place is None or not place.is_file() or is_bag(place):
         return
-    if (calls := stats_beside(place)).is_file():
+    calls = stats_beside(place)
+    are_of_estimate = estimate is not None and estimate != place and stats_beside(estimate) == calls
+    if calls.is_file() and not are_of_estimate:
         yield (
             f"the truth '{place}' is the output of a run, because the calls of this run are beside it ('{calls}'): the "
             "figures state the difference of two estimates (the estimate is the first argument)"

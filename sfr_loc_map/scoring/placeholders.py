@@ -8,6 +8,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.truth.pose_checks import SHORTEST_M, has_constant_attitude
+from sfr_loc_map.metrics.completeness.copies import resolution_of
 
 MAX_HELD = 0.1  #: Largest fraction of the estimated path without a warning at which the truth repeats a pose.
 
@@ -45,6 +46,8 @@ def held_share(truth: Trajectory, estimate: Trajectory) -> float:
     known = (estimate.stamps_ns[of_estimate] - first_ns).astype(np.float64)
     at_truth = np.column_stack([np.interp(times, known, axis) for axis in estimate.positions[of_estimate].T])
     ends = np.append(np.append(0, np.flatnonzero(~is_held) + 1), len(times))  # of the runs of equal poses
-    held_m = float(np.linalg.norm(at_truth[ends[1:] - 1] - at_truth[ends[:-1]], axis=1).sum())
+    distances_m = np.linalg.norm(at_truth[ends[1:] - 1] - at_truth[ends[:-1]], axis=1)
+    # coarse positions are equal without having been held
+    held_m = float(distances_m[distances_m > 2.0 * resolution_of(truth.positions)].sum())
     path_m = float(np.linalg.norm(np.diff(at_truth, axis=0), axis=1).sum())
     return held_m / path_m if held_m > SHORTEST_M else 0.0

@@ -16,13 +16,12 @@ from msgspec.structs import replace as struct_replace
 from numpy.typing import NDArray
 
 from sfr_loc_map import __version__
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth, as_truth
 from sfr_loc_map.hashes import hash_arrays, hash_path
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.source_format import is_bag
 from sfr_loc_map.metrics.completeness.expected_items import inputs_completeness
 from sfr_loc_map.metrics.figures.records import InputFile, Provenance
 from sfr_loc_map.metrics.judging.judge import with_verdicts
@@ -128,20 +127,37 @@ def contains_limits(path: Path, rules: Limits) -> bool:
 def changed_inputs(score: Score) -> tuple[list[InputFile], int]:
     """Return the inputs of a stored score that were changed since, and the number of inputs that still exist.
 
-    Files and bags are compared with their hashes. Data set folders are not, because results may be written into them. A
-    limits file is unchanged if it contains the limits of the score.
+    Files that can be read are compared with their hashes. Folders, such as data sets and bags, are not, because results
+    may be written into them. A limits file is unchanged if it contains the limits of the score.
     """
     inputs = {} if score.provenance is None else score.provenance.inputs
     changed: list[InputFile] = []
     present = 0
     for role, file in inputs.items():
         path = None if file.resolved is None else Path(file.resolved)
-        if path is None or not (path.is_file() or is_bag(path)):
+        if path is None or not _is_readable_file(path):
             continue
         present += 1
-        if hash_path(path) != file.sha256 and not (role == LIMITS and contains_limits(path, score.active_rules)):
-            changed.append(file)
+        if hash_path(path) == file.sha256:
+            continue
+        if role == LIMITS and _contains_limits(path, score.active_rules):
+            continue
+        changed.append(file)
     return changed, present
+
+
+def _is_readable_file(path: Path) -> bool:
+    """Return whether a path is a file that this user may read."""
+    with suppress(OSError):  # of a folder that may not be searched
+        return path.is_file() and os.access(path, os.R_OK)
+    return False
+
+
+def _contains_limits(path: Path, rules: Limits) -> bool:
+    """Return whether a limits file is valid and contains the limits of a score."""
+    with suppress(SfrError):
+        return contains_limits(path, rules)
+    return False
 
 
 def with_changed_inputs(score: Score, origin: str, *, is_judged: bool) -> Score:

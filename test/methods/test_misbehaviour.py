@@ -19,6 +19,7 @@ from campaigns.misbehaviour import CASES, Case, differences, run_case
 from helpers import HELPERS
 from helpers.cli_result import Sfr
 from helpers.made_scene import write_folder
+from sfr_loc_map.methods.isolation import SETTINGS
 
 ABORTING = """
 import os
@@ -36,7 +37,11 @@ DAILY = [case for case in CASES if case.daily]
 
 @pytest.mark.clause("4.2.1", "4.2.2")
 @pytest.mark.parametrize("case", DAILY, ids=[case.config.replace(" ", "-") for case in DAILY])
-def test_what_misbehaves_is_named_and_does_not_pass(case: Case, tmp_path: Path, sfr: Sfr, faulty: Path) -> None:
+def test_what_misbehaves_is_named_and_does_not_pass(
+    case: Case, tmp_path: Path, sfr: Sfr, faulty: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in SETTINGS:  # which would be part of the hash of the configuration
+        monkeypatch.delenv(name, raising=False)
     outcome = run_case(case, tmp_path, sfr, faulty)
     assert not differences(case, outcome), outcome.said
     if case.kind == "class":

@@ -99,7 +99,7 @@ def test_wheel_odometry_of_another_clock_is_reported_as_unused(ros: None, capfd:
         peer.until(lambda: node.node._priors_received, "the odometry")
         peer.play(1)
         node.node.report_periodically()
-        node.wait_for("motion_prior is received but not used: it has stamps that differ by 49.9 s")
+        node.wait_for("motion_prior is received but not used: its stamps differ by 49.9 s")
 
 
 def test_two_rovers_in_two_namespaces_do_not_hear_each_other(ros: None, capfd: Capture) -> None:

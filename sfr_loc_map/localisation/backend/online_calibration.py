@@ -61,8 +61,7 @@ changed by chance in one of 16 000 cases. With a larger value, a real yaw scales
 SMALL_CORRECTION_PX: Final = 0.05
 """Maximum change of the yaw correction per keyframe while the remaining yaw is small, px. A large yaw permits larger
 changes (`CORRECTION_GAIN`). Each change moves the pose. The value is a sixth of the prior standard deviation. With a
-larger value, the path has larger steps. With a smaller value, the path is scaled for
-longer."""
+larger value, the path has larger steps. With a smaller value, the path is scaled for longer."""
 CORRECTION_GAIN: Final = 0.2
 """Ratio of the maximum change to the remaining yaw, if that change exceeds `SMALL_CORRECTION_PX`. Three keyframes halve
 a large yaw (0.8^3 = 0.51). Larger or smaller values have the same effects as for `SMALL_CORRECTION_PX`."""

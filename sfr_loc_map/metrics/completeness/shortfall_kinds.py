@@ -126,6 +126,9 @@ BEYOND_MOST = 0.02  #: Largest fraction of frames whose errors far exceed the ju
 STANDING_MOST = 0.5  #: Largest fraction of the sub-trajectories that a stationary rover adds.
 IN_GAPS_MOST = 0.01  #: Largest fraction in gaps, because the last images of a recording are often not processed.
 COPIES_MOST = 0.1  #: Largest fraction of copies of the truth, because some motions equal the truth by chance.
+COPIED_ATTITUDES_MOST = 0.5
+"""Largest fraction of copied attitudes. The rotations of a precise gyroscope equal the truth by chance more often, to
+within the rounding of the files, and those of copied attitudes nearly always."""
 WITHOUT_TRUTH_MOST = 0.01  #: Largest fraction of map points without truth, as at the edges of the sky.
 UNCOVERED_MOST = 0.5  #: Largest fraction of pixels without a point, because no matcher matches all pixels.
 GAPS = "{gaps}"  #: Text of a shortfall whose cause is missing estimates: the covered fraction and the longest gap.
@@ -232,7 +235,7 @@ SHORTFALLS = (
         "attitudes_of_truth",
         Scope.DRIVE,
         "attitudes of the turning rover that can be compared",
-        COPIES_MOST,
+        COPIED_ATTITUDES_MOST,
         f"{{percent}} % of the rotations {OF_TRUTH}",
         accepted_by=(AcceptedBy("poses_of_truth_max_share", Allowance.BOUND),),
         partial=False,

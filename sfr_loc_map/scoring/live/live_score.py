@@ -127,7 +127,7 @@ def _with_transport(calls: CallsResult, live: LiveRun, messages: int) -> CallsRe
             "pose with the time of its measurement"
         )
         calls = replace(calls, caveats=(*calls.caveats, text))
-    if not messages and not live.dropped and not live.restarts:
+    if not messages and not live.dropped and not live.restarts and not live.publisher_changes:
         return calls
     changes = sum(live.publisher_changes.values())
     rows = live_completeness(messages, live.dropped, live.restarts, changes)
@@ -138,11 +138,15 @@ def _publisher_caveats(live: LiveRun) -> Iterator[str]:
     """Yield the caveats about the publishers of the scored topics."""
     for topic, count in sorted(live.publisher_changes.items()):
         yield (
-            f"{topic} had more than one publisher in the run (changes: {count}): its process was started again, for "
-            "example after a crash, or several processes publish the topic; stop all but one, and repeat the run"
+            f"{topic} had more than one publisher in the run (changes: {count}): its process or its publisher was "
+            "started again, for example after a crash, or several processes publish the topic; stop all but one, and "
+            "repeat the run"
         )
     if live.is_truth_of_item:
-        yield "a process that published the estimates also published the ground truth"
+        yield (
+            "a process that published the estimates also published the ground truth, as a player of a bag or a bridge "
+            "also does: verify that the item under test does not receive the ground truth"
+        )
 
 
 def _discarded_text(live: LiveRun) -> str:

@@ -105,9 +105,8 @@ class History:
     figures: Mapping[str, tuple[float | None, ...]]  #: Mean over the jobs of each night, by figure.
     #: Number of figures of the last night whose scatter is known, without the fraction of jobs without a result.
     tested: int
-    without_result: tuple[
-        str, ...
-    ]  #: Jobs and sources without a result in the last night, which it or the night before had planned.
+    #: Jobs and sources without a result in the last night, which it or the night before had planned.
+    without_result: tuple[str, ...]
 
     @property
     def shortage(self) -> str:

@@ -8,6 +8,8 @@ from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.proof import SEQUENTIAL
 from sfr_loc_map.metrics.score.limits import BOUND, Population
+from sfr_loc_map.metrics.score.verdict import ProofRecord
+from sfr_loc_map.metrics.statistics.tolerance import BoundMethod
 from sfr_loc_map.report.verdict_view import limited_name
 from sfr_loc_map.suite.jobs.digests import digest
 from sfr_loc_map.suite.jobs.job_outcome import JobState
@@ -70,6 +72,14 @@ def deviations_of_looks(plan: Plan, groups: Sequence[Group], results: Sequence[S
         yield CommonDeviation(text=text, results=len(results), of="all results")
 
 
+def _could_be_met(drives: int, proof: ProofRecord) -> bool:
+    """Return whether a number of drives without a larger error would have proved the limit.
+
+    With fewer drives, a bound by order statistics has no value: the look could not have passed.
+    """
+    return proof.method != BoundMethod.ORDER or proof.prob**drives <= 1.0 - proof.confidence
+
+
 def _looks_with_fewer_drives(group: Group, looks: Sequence[LookGroup]) -> Iterator[str]:
     """Yield a deviation for each tolerance bound whose number of drives was increased after it was not met."""
     for item in group.verdicts:
@@ -83,6 +93,7 @@ def _looks_with_fewer_drives(group: Group, looks: Sequence[LookGroup]) -> Iterat
             if (verdict.name, verdict.condition) == (item.name, item.condition)
             and verdict.state in (VerdictState.FAIL, VerdictState.NOT_ENOUGH_DATA)
             and (verdict.n or 0) < (item.n or 0)
+            and _could_be_met(verdict.n or 0, proof)
         ]
         if numbers:
             name = limited_name(item.figure or "", None, item.condition, BOUND)
