@@ -242,7 +242,7 @@ def score(  # noqa: PLR0913 - every option of a score has a name and a default
 
     ConfigError for an invalid argument, for an invalid condition or `limits`, and for an argument that does not apply
     to the kind of estimate. InputError for a file that is missing or invalid. MetricsError if figures cannot be
-    computed, for example from poses without common stamps. A missed limit is no error: see `Score.verdict`.
+    computed, for example from poses without common stamps. A missed limit is not an error: see `Score.verdict`.
 
     The configuration of a source is that with which the source was opened, or the `sfr.yaml` in or beside its path.
 

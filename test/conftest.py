@@ -147,7 +147,7 @@ def sfr(monkeypatch: pytest.MonkeyPatch) -> Sfr:
 
 @pytest.fixture(scope="session")
 def scheduler() -> Iterator[str]:
-    """Address of a Dask scheduler whose worker is a thread of this process, for suites whose workers are no subject.
+    """Address of a Dask scheduler whose worker is a thread of this process, for suites that do not test workers.
 
     A suite that starts a worker of its own costs two seconds more.
     """

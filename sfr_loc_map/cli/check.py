@@ -102,8 +102,8 @@ def check(
         covered = f"{count} of {found.pairs_of_source[subject]} pairs"
         checked = f"{found.checked[subject]} comparisons have enough data"
         say(
-            f"{subject}: {found.results[subject]} ({covered}; {checked}). The result proves no accuracy, because "
-            "errors that all runs share are not observable",
+            f"{subject}: {found.results[subject]} ({covered}; {checked}). The result does not prove accuracy, "
+            "because errors common to all runs are not observable",
             err=is_silent,
         )
     for text in found.calibration:

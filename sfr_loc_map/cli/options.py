@@ -198,9 +198,8 @@ def columns_of(texts: Sequence[str] | None) -> tuple[str, str]:
 def announced_config(source: Path, config: Path | None, remap: list[str] | None = None) -> SourceConfig:
     """Return how a source is read: by the file of `--config`, by default the file beside the source, and `--remap`.
 
-    The use of the file beside the source is reported. The configuration is read only here. A command calls this
-    function before it checks its outputs, so that no output replaces the configuration file.
-    `io.registry.open_source` then opens the source.
+    The use of the file beside the source is reported. A command calls this function before it checks its outputs, so
+    that no output replaces the configuration file. `io.registry.open_source` then opens the source.
     """
     from sfr_loc_map.io.source_config import source_config
 

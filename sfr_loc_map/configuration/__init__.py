@@ -5,6 +5,6 @@
     nodes         a ROS parameter file as the sections of an `sfr.yaml`, and vice versa
     sections      a file of either kind as a `Configuration`, and the dataclass of a section
 
-`io.source_config` declares the sections that configure how a source is read, finds the file of a source, and changes
-its values by the options of a command.
+`io.source_config` declares the sections that configure how a source is read, finds the file of a source, and overrides
+the values of this file with the options of a command.
 """

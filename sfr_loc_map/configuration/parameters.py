@@ -205,7 +205,7 @@ def check_parameters(config: Any) -> None:  # noqa: ANN401 - any configuration d
 
 
 def _without_numpy(value: Any) -> Any:  # noqa: ANN401 - any parameter type
-    """Return a value with numpy scalars and arrays, also in a list or tuple, as numbers and lists of Python."""
+    """Return a value with numpy scalars and arrays, even in a list or tuple, as numbers and lists of Python."""
     if isinstance(value, list | tuple):
         return [_without_numpy(item) for item in value]
     return value.tolist() if hasattr(value, "tolist") else value

@@ -3,7 +3,7 @@
 A value of the file takes these steps:
 
 1. `Configuration.read` reads the YAML, and returns the values by section and dotted name;
-2. `io.source_config` changes values by the options of a command (`--set`, `--remap`, `--calibration`);
+2. `io.source_config` overrides values with the options of a command (`--set`, `--remap`, `--calibration`);
 3. `Configuration.build` converts a section to its dataclass, with a check of every name, type and range. The sections
    `topics` to `truth` become an `io.source_config.SourceConfig`, and the others the parameters of localiser, mapper and
    monitor.
@@ -101,7 +101,7 @@ def _sections_of_file(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
 
 
 def _check_others(others: Iterable[tuple[str, str]], path: Path) -> None:
-    """Raise ConfigError if a parameter of a node has the name of a section, which is no parameter of any node."""
+    """Raise ConfigError if a parameter of a node has the name of a section, which is not a parameter of any node."""
     for node, parameter in others:
         section = parameter.partition(".")[0]
         if section in SECTIONS:

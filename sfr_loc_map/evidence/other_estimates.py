@@ -45,7 +45,7 @@ def at_pairs_of(run: ComparedRun, other: ComparedRun) -> ComparedRun:
 
 
 def check_different(first: ComparedRun, other: ComparedRun) -> None:
-    """Raise InputError if two estimates have the same motions, so that their agreement is no evidence."""
+    """Raise InputError if two estimates have the same motions, so that their agreement is not evidence."""
     runs = paired(first, other)
     later = np.arange(1, len(runs.ours.rows))
     if len(later) and np.abs(runs.errors(np.zeros_like(later), later)).max() < IDENTICAL:

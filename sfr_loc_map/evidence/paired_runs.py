@@ -109,7 +109,7 @@ class PairedRuns(NamedTuple):
 def paired(first: ComparedRun, other: ComparedRun) -> PairedRuns:
     """Return two runs at the pairs that both have, by exactly equal stamps of the pairs.
 
-    The first run is not the backward run.
+    `first` must not be the backward run.
     """
     _, rows, other_rows = np.intersect1d(first.pair_stamps_ns, other.pair_stamps_ns, return_indices=True)
     return PairedRuns(
@@ -120,7 +120,7 @@ def paired(first: ComparedRun, other: ComparedRun) -> PairedRuns:
 def rows_at(run: ComparedRun, stamps_ns: IntArray) -> IntArray:
     """Return the rows of the estimates at the stamps of pairs; MetricsError if a pair has no estimate.
 
-    The run is not backward.
+    `run` must not be the backward run.
     """
     known_ns = run.pair_stamps_ns
     rows = np.searchsorted(known_ns, stamps_ns)

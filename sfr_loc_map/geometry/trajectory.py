@@ -78,7 +78,7 @@ class Trajectory:
 
     @classmethod
     def from_poses(cls, stamped: Iterable[tuple[int, Transform]]) -> Self:
-        """Return the trajectory of pairs `(stamp_ns, T_ds_rb)`; GeometryError if an item is no such pair."""
+        """Return the trajectory of pairs `(stamp_ns, T_ds_rb)`; GeometryError if an item is not such a pair."""
         items = [*stamped] if isinstance(stamped, Iterable) else [stamped]
         for item in items:
             if not (isinstance(item, tuple | list) and len(item) == 2 and isinstance(item[1], Transform)):

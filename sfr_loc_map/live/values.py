@@ -1,7 +1,7 @@
 """The JSON values of a run, which the page, the terminal and `state.json` show.
 
-A page is sent `live_values`, `score_values` and `event_values` as messages of these kinds. The terminal draws the first
-two, and `state.json` has all of them.
+The server sends `live_values`, `score_values` and `event_values` to a page as messages of the kinds `live`, `score` and
+`events` (`messages`). The terminal draws the first two, and `state.json` contains all of them.
 """
 
 from __future__ import annotations

@@ -91,7 +91,10 @@ class IsolatedMapper(IsolatedMethod):
 
 
 class MapOfPairs:
-    """A map of one to three pairs that a mapper maps one by one, and may then fuse, which ends the map."""
+    """A map that is built from one to three pairs, with one call for each pair.
+
+    The pairs may then be fused. After the fusion, the map accepts no further calls.
+    """
 
     def __init__(self, mapper: IsolatedMapper) -> None:
         self._mapper = mapper

@@ -158,7 +158,7 @@ def find_method(spec: str, task: Task, config: str = "") -> Method:
         return _found(spec, task, config)
     except (OSError, UnicodeError) as error:  # a path that the system refuses, for example one that is too long
         reason = error.strerror if isinstance(error, OSError) else error
-        raise MethodError(f"method {spec!r:.60} is no valid path ({reason}): give another path") from error
+        raise MethodError(f"method {spec!r:.60} is not a valid path ({reason}): give another path") from error
 
 
 def _found(spec: str, task: Task, config: str) -> Method:

@@ -94,7 +94,7 @@ class Comparison(Record, frozen=True, kw_only=True, omit_defaults=False):
 
     names: tuple[str, ...]
     methods: tuple[MethodRecord | None, ...] = ()
-    #: Expected data that each score cannot judge, also if its rules accept this; null if there are none.
+    #: Expected data that each score cannot judge, even if its rules accept this; null if there are none.
     incomplete: tuple[str | None, ...] = ()
     pairs: tuple[PairedDifference, ...]
     side_by_side: tuple[SideBySide, ...]

@@ -6,7 +6,7 @@
                                  │ waiting ◄─────────────────┤
                                  │        └─► external node ─┘ external
 
-- **Options.** `options` has what is replayed and how.
+- **Options.** `options` defines what is replayed, and how.
 - **Session.** `session` starts the processes of the nodes (`arguments_by_node`), waits until all nodes communicate
   (`connected_replay`), and plays the source (`play_and_collect`). `played_pairs` selects the messages and reports the
   last message of each pair, `player` publishes each message when it is due, and `waiting` waits for the results of

@@ -107,7 +107,7 @@ class VerdictView:
 
     @property
     def limit_text(self) -> str:
-        """The limit with its sign and its unit."""
+        """The limit with its relation sign and its unit."""
         return self._with_unit(self.limit.text)
 
     @property

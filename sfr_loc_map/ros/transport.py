@@ -51,7 +51,7 @@ class TransportGaps:
 
     def __init__(self) -> None:
         self.count = self.lost = self.before = self.returns = self._last = 0
-        self._previous = 0  # number of the previous message, also if no gap to this message is counted
+        self._previous = 0  # number of the previous message, even if no gap to this message is counted
         self._several = False
         self._lost_of_one = 0  # losses until the last time that there was one publisher
 

@@ -145,13 +145,13 @@ def _caveats(found: Sequence[Differences]) -> Iterator[str]:
     if position_m > EXACT_M or attitude_deg > EXACT_DEG:
         yield (
             "the poses of the estimate differ from those in its calls (--stats) by up to "
-            f"{1e3 * position_m:.3g} mm and {attitude_deg:.3g} deg, as in a rounded file: give the estimate as the run "
-            "has written it"
+            f"{1e3 * position_m:.3g} mm and {attitude_deg:.3g} deg, as in a rounded file: give the estimate exactly as "
+            "the run wrote it"
         )
     if removed := sum(item.removed for item in found):
         yield (
-            f"the run of the calls (--stats) produced {counted(removed, 'pose')} more than the estimate has: give the "
-            "estimate as the run has written it"
+            f"the run of the calls (--stats) produced {counted(removed, 'more pose')} than the estimate has: give the "
+            "estimate exactly as the run wrote it"
         )
 
 

@@ -100,7 +100,7 @@ def hash_of_truth(truth: Trajectory) -> str:
 def limits_not_seen(score: Score, origin: str) -> str | None:
     """Return why the limits of a score could not be compared with their file; None if they were, or without limits.
 
-    Raise InputError if the file is unchanged but contains other limits.
+    Raise InputError if the file has the recorded hash but its limits differ from those of the score.
     """
     rules = score.rules
     if rules is None or not rules.limits:

@@ -139,10 +139,11 @@ def _stationary_truth(drive: DriveToScore) -> Iterator[str]:
 
 
 def excess_of_dense_parts(stamps_ns: IntArray) -> float:
-    """Return the fraction of the estimates by which the denser parts of a drive exceed their fraction of the time.
+    """Return how unevenly the estimates are distributed over time.
 
-    The time is divided into equal parts with `ESTIMATES_OF_PART` estimates on average. At a constant rate the result is
-    0.
+    The result is the fraction of the estimates in the denser parts of the drive, minus the fraction of the time that
+    these parts take. The time is divided into equal parts with `ESTIMATES_OF_PART` estimates on average. At a constant
+    rate the result is 0.
     """
     stamps = np.unique(stamps_ns)
     if len(stamps) < 2:

@@ -28,7 +28,7 @@ _ROLLING = np.linspace(-0.75, 0.75, 7) * WHEEL_RADIUS_M
 BOX_FACES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
 """Faces of a box as indices of its corners. Bit k of an index is 1 if the corner is at the high end of axis k."""
 SPACING_M = 0.02
-"""Sample spacing of the terrain under the wheels, m: the shortest meshed wavelength, also if a preview has larger
+"""Sample spacing of the terrain under the wheels, m: the shortest meshed wavelength, even if a preview has larger
 triangles (`terrain.coarseness`). A preview therefore has the poses of the final images."""
 
 

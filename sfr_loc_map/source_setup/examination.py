@@ -52,7 +52,10 @@ def propose_config(source: Path, given: Configuration, before: Configuration = N
 
 
 def _given_values(source: Path, given: Configuration, before: Configuration) -> Proposal:
-    """Return the proposal of the given values, in which files are named relative to the folder of the `sfr.yaml`."""
+    """Return a proposal that contains only the given values.
+
+    Files in the folder of the `sfr.yaml` are named relative to this folder.
+    """
     sections = copied(given.sections)
     sections.setdefault("topics", {})
     keys = map(Key.parse, flatten(before.sections))

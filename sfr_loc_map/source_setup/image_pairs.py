@@ -167,9 +167,10 @@ def _can_be_pair(left: SeenTopic, right: SeenTopic) -> bool:
 def info_of(rig: Rig, image: SeenTopic, seen: Sequence[SeenTopic]) -> SeenTopic | None:
     """Return the camera_info of an image of a rig; None if no camera_info belongs to the image.
 
-    The name of the chosen camera_info shares as many initial words with the name of the image as possible, and more
-    words than the image of the other side shares. If there is no such camera_info, one in the folder of the image with
-    the same side word is chosen. A camera_info whose last side word is that of the other side is never chosen.
+    The camera_info whose name has the longest common prefix with the name of the image, in words, is chosen. The prefix
+    must be longer than the prefix that the image of the other side has in common with this image. If there is no such
+    camera_info, one in the folder of the image with the same side word is chosen. A camera_info whose last side word is
+    that of the other side is never chosen.
     """
     own_word, other, other_word = rig.word, rig.right, RIGHT_OF[rig.word]
     if image == rig.right:

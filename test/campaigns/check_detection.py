@@ -29,7 +29,7 @@ FAULTS = (
     *("", "noisy:amount=10,share=1", "blurred:amount=2.5,share=1", "yaw:amount=0.1", "baseline:amount=1.005"),
     *("dropped:share=0.1", "shear:amount=1,share=1"),
 )
-"""Faults of the detection table; the empty text is no fault."""
+"""Faults of the detection table; the empty text is not a fault."""
 CONDITIONS = (Condition.parse("distance=1"), Condition.parse("distance=5"))
 JUDGED = "distance=5"
 MOST_PAIRS = 110  #: About 8 to 10 m of the rendered drives.

@@ -166,7 +166,7 @@ def _end_at_random(
     killed = number is signal.SIGKILL
     problems = [f"process {Path(f'/proc/{pid}/cmdline').read_bytes()[:200]!r} is left" for pid in left]
     began = "nothing was finished" not in text  # otherwise the signal came before an endless command had begun
-    # 0 also if the command had finished before the signal
+    # 0 even if the command had finished before the signal
     expected = {-number} if killed else {0} if command.endless and began else {0, 130}
     if was_running and code not in expected | ({2} if name in ("record", "run") else set()):
         problems.append(f"exit code {code}")

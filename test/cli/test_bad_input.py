@@ -29,7 +29,7 @@ SOURCES: dict[str, tuple[Made, str] | tuple[Made, str, tuple[str, ...]]] = {
     "no camera_info": (broken.no_camera_info, "no topic 'loc/right/camera_info'.*; record it"),
     "silent camera_info": (broken.silent_camera_info, "no message on '/loc/left/camera_info'"),
     "unequal sizes": (broken.unequal_sizes, "000001.png.* is 150 x 120: 160 x 120, the size of the rig"),
-    "not rectified": (broken.not_rectified, "no projection p.*calibrate both cameras as a pair"),
+    "not rectified": (broken.not_rectified, "no projection matrix p.*calibrate both cameras as a pair"),
     "nan in poses": (broken.nan_in_poses, "(groundtruth|pairs).csv' line 3.*not .*finite.*; correct"),
     "backwards": (broken.backwards, "pairs.csv'.*in increasing order"),
     "broken rig": (broken.broken_rig, "rig.json.*truncated"),

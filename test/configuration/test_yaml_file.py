@@ -1,4 +1,4 @@
-"""Files of YAML that are no mapping, unusual names and numbers, and values as one line."""
+"""Files of YAML that are not a mapping, unusual names and numbers, and values as one line."""
 
 import math
 from pathlib import Path

@@ -15,7 +15,7 @@ from sfr_loc_map.transport_issues import Publisher, Reliability
 
 
 def test_a_node_without_its_cameras_waits() -> None:
-    """A plain `sfr run` on a rover without mapping cameras is no fault."""
+    """A plain `sfr run` on a rover without mapping cameras is not a fault."""
     nodes = tuple(ObservedNode(name, rig, extrinsics_given=True) for name, rig in RIG_OF_NODE.items())
     topics = {
         f"loc/{side}/{what}": ObservedTopic(f"/loc/{side}/{what}", EXPECTED[f"loc/{side}/{what}"])
@@ -69,7 +69,7 @@ def test_images_of_which_none_has_a_stamp_are_no_fault() -> None:
 
 
 def test_the_finding_of_a_camera_has_the_problem_and_its_fix() -> None:
-    """The fix of an error follows its last colon, also if the problem contains one."""
+    """The fix of an error follows its last colon, even if the problem contains one."""
     numbers = {"k": (100.0, 0.0, 32.0, 0.0, 100.0, 24.0, 0.0, 0.0, 1.0), "d": (), "r": (2.0, *[0.0] * 8)}
     p = (100.0, 0.0, 32.0, -10.0, 0.0, 100.0, 24.0, 0.0, 0.0, 0.0, 1.0, 0.0)
     info = SimpleNamespace(width=64, height=48, distortion_model="", p=p, binning_x=0, binning_y=0, **numbers)

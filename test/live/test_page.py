@@ -189,7 +189,7 @@ async def check_hostile_names(browser: Browser, state: LiveState) -> None:
     assert await browser.value("document.querySelectorAll('img[src=x]').length") == 0
     assert not [event for event in browser.events if event["method"] == "Page.javascriptDialogOpening"]
     links = "[...document.querySelectorAll('.plot a, #limits-plot a')].length"
-    assert await browser.value(links) == 0, "a name is no markup of plotly.js either"
+    assert await browser.value(links) == 0, "a name is not markup of plotly.js either"
     for width in (1360, 390):
         await browser.call(
             "Emulation.setDeviceMetricsOverride", width=width, height=844, deviceScaleFactor=1, mobile=False

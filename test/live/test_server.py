@@ -248,7 +248,7 @@ def test_a_page_gets_all_that_is_known_and_then_what_changes() -> None:
             for hostile in ('{"type":"visible","visible":NaN}', '{"type":"visible","visible":1e999}', "[" * 4000):
                 await channel.send_str(hostile)  # the page stays connected
             rows: list[int] = []
-            for number in range(10, 40):  # also while images come faster than they are taken, no figure is left out
+            for number in range(10, 40):  # even while images come faster than they are taken, no figure is left out
                 for update in frame(number, 1.0):
                     await asyncio.to_thread(found.state.put, update)
                 found.state.put(ImageSample("loc/left", number, bytes(2000), (1, 1), (1, 1), 0.0))

@@ -75,7 +75,7 @@ def test_one_frozen_camera_is_not_used(side: str, level: float) -> None:
     for index, estimate in enumerate(estimates):
         assert (estimate.state is TrackingState.TRACKING) == (index != 0 and not 6 <= index < 9)
         assert estimate.state is TrackingState.LOST or errors(estimate, true_pose(index))[0] < 0.01
-        if 6 <= index < 9:  # also if tracking is lost because the frozen image is blanked
+        if 6 <= index < 9:  # even if tracking is lost because the frozen image is blanked
             assert estimate.reason is StateReason.REPEATED_IMAGES
 
 

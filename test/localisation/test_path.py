@@ -249,7 +249,7 @@ def test_a_yaw_found_late_leaves_the_path_before_it_uncertain() -> None:
 
 
 def test_the_attitude_is_not_more_certain_after_its_calibration_was_discarded() -> None:
-    """The corrected yaw has bent the path, also if a later adjustment diverges."""
+    """The corrected yaw has bent the path, even if a later adjustment diverges."""
     known = OnlineCalibration(
         RIG.camera, (RIG.height, RIG.width), 7, yaw=YawEstimate(2.0, 1e-4, 2.0, 2.0), drift=DriftEstimate(total_px=20.0)
     )
@@ -274,7 +274,7 @@ def test_what_the_images_of_a_pose_may_not_show_lasts_until_the_next_pose() -> N
         np.testing.assert_allclose(of_path(kept) - of_path(clear_kept), added)
         assert np.linalg.eigvalsh(of_path(kept) - of_path(path))[0] > 0.0
         np.testing.assert_array_equal(of_kept.covariance, of_clear.covariance)
-        for number in (3, 4):  # a window that begins, also after further kept pairs
+        for number in (3, 4):  # a window that begins, even after further kept pairs
             again = kept.window_begun(number * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
             clear_again = clear.window_begun(number * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
             np.testing.assert_allclose(

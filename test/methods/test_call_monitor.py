@@ -61,4 +61,4 @@ def test_work_while_processor_clocks_are_read_is_part_of_the_calls() -> None:
     worked_s = tree.worked_s - worked_s
     before_first_s = after_last_s = 0.03  # samples of memory before the first and after the last call
     assert first.usage.processing_time_s + second.usage.processing_time_s > worked_s - before_first_s - after_last_s
-    assert first.waited_s >= 0.06  # which is no misstatement of the method
+    assert first.waited_s >= 0.06  # which is not a misstatement of the method

@@ -80,7 +80,7 @@ ALGORITHM = "import numpy as np\ndef pose():\n    return np.eye(4)\n"
 
 
 def unchanged(folder: Path) -> None:
-    """Write a file that is no code."""
+    """Write a file that is not code."""
     (folder / "notes.txt").write_text("1")
 
 

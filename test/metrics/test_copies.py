@@ -144,7 +144,7 @@ def test_a_slow_drive_in_millimetres_is_no_copy() -> None:
     slow = along_x(0.000987654321 * np.arange(COUNT))
     assert counted(np.round(slow * 1.0001, 3), slow) == (0, 0)
     fast = 20.0 * slow
-    assert counted(np.round(fast, 3), fast)[1] > 0.9 * COUNT, "over 4 m the rounded truth is no estimate"
+    assert counted(np.round(fast, 3), fast)[1] > 0.9 * COUNT, "over 4 m the rounded truth is not an estimate"
 
 
 @pytest.mark.parametrize("digits", [1, 2, 3, 4, 5, 12])

@@ -277,7 +277,7 @@ def bounded() -> Limits:
 
 
 def test_a_bound_on_horizontal_errors_judges_a_truth_without_heights(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The errors are kept, also where plots have few of them."""
+    """The errors are kept, even where plots have few of them."""
     entry = {"limit": 0.5, "prob": 0.8, "confidence": 0.8}
     content = {"trajectory": [{"condition": "distance=5", "horizontal_bound_m": entry}], "minimum_independent": 1}
     limits, config = parse_limits(content, "limits"), TrajectoryScoreConfig(conditions=("distance=5",), spacing=1)

@@ -248,7 +248,7 @@ def test_a_map_without_truth_or_with_unknown_coordinates_is_refused() -> None:
 def test_a_cloud_with_fewer_stamps_than_pairs_is_refused(stamps_ns: tuple[int, ...]) -> None:
     truths = [wall(), wall()]
     cloud = replace(cloud_of(truths), fused=False, pair_stamps_ns=stamps_ns)
-    with pytest.raises(MetricsError, match=f"points of pair 1 .* the stamps of only {len(stamps_ns)} pair"):
+    with pytest.raises(MetricsError, match=f"points of pair 1 .* stamps for only {len(stamps_ns)} pair"):
         score_map(cloud, truths, CONFIG)
 
 

@@ -97,7 +97,7 @@ def test_the_position_error_after_a_fit_is_near_that_of_the_whole_pose() -> None
 
 
 def test_an_estimate_that_begins_level_on_a_slope_is_fitted_with_its_tilt() -> None:
-    """Vision alone does not know the vertical; a small drift is no tilt, and a straight line has none."""
+    """Vision alone does not know the vertical; a small drift is not a tilt, and a straight line has none."""
     truth, estimate = drive()
     tilt = Rotation.from_euler("ZYX", [40.0, 6.0, -3.0], degrees=True)
     tilted = Trajectory(

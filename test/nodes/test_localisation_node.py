@@ -261,7 +261,7 @@ def test_localisation_survives_what_the_network_may_send(ros: None, capfd: Captu
         peer.publish(CameraInfo, "loc/left/camera_info", raw(bad))
         right_info = raw(bag_messages.camera_info(START_NS, LOC_RIG, "loc", "right"))
         peer.publish(CameraInfo, "loc/right/camera_info", right_info)
-        peer.refused("has no projection p")
+        peer.refused("has no projection matrix p")
         send_infos(peer, "loc", LOC_RIG)
         good = raw(bag_messages.image(START_NS, loc_pair(0).left, "loc", "left"))
         for broken in (good[: len(good) // 2], b"\0\1\0", b"\xff" * 64):
@@ -409,7 +409,7 @@ def test_camera_info_that_describes_no_rig_is_reported_by_its_fault(ros: None, c
     with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT) as node:
         for changes, words in (
             ({"width": 0, "height": 0}, "has no image size"),
-            ({"p": np.zeros(12)}, "has no projection p"),
+            ({"p": np.zeros(12)}, "has no projection matrix p"),
             ({"p": bag_messages.camera_info(START_NS, LOC_RIG, "loc", "left").p}, "calibrate both cameras as a pair"),
         ):
             for side in ("left", "right"):

@@ -127,7 +127,7 @@ def test_an_estimate_that_was_edited_after_its_run_is_refused(
         (lambda poses: poses, ""),
         (opposite, ""),
         (rounded, "as in a rounded file"),
-        (without_a_pose, "produced 1 pose more than the estimate has"),
+        (without_a_pose, "produced 1 more pose than the estimate has"),
     ],
 )
 def test_an_estimate_that_differs_little_from_its_calls_has_a_caveat(

@@ -42,7 +42,7 @@ def test_half_a_drive_is_incomplete_unless_asked_for(judge: Judge) -> None:
 
 
 def test_one_missing_estimate_of_four_hundred_is_incomplete_only_by_limits(judge: Judge) -> None:
-    """Without limits a small gap is no evidence of a partial drive; a verdict requires every estimate."""
+    """Without limits a small gap is not evidence of a partial drive; a verdict requires every estimate."""
     most = judge.estimate[np.flatnonzero(np.arange(POSES) != 200)]
     assert judge(estimate=most)[0].code == 0
     result, score = judge(limits=FEW_INDEPENDENT + OVER_5_M + "1\n", estimate=most)

@@ -110,7 +110,7 @@ def test_points_without_pixels_are_repeated_at_one_place(tmp_path: Path, sfr: Sf
 
 
 def test_a_range_without_a_true_pixel_requires_no_point_and_is_incomplete(tmp_path: Path, sfr: Sfr) -> None:
-    """Three exact points are no map, also where no true pixel is in the scored range."""
+    """Three exact points are not a map, even where no true pixel is in the scored range."""
     folder, cloud = write_folder(tmp_path / "data", 0, 1), tmp_path / "c.ply"
     truth = nav_pair(0).truth
     assert truth is not None

@@ -1,4 +1,4 @@
-"""Frames that no judged error contains: what is wrong with them is no pass, and a choice of starts is no reason."""
+"""Frames that no judged error contains. Faults in them are not a pass, and a choice of starts is not a reason."""
 
 from __future__ import annotations
 

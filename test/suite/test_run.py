@@ -134,7 +134,7 @@ def test_a_suite_that_was_extended_until_it_passed_or_has_other_limits_deviates(
     assert [of for _, of in extended - usual] == ["score"]
     for drives, limit_m, count in ((9, 0.8, 1), (9, 0.5, 0)):
         _, found = deviations_of(drives, limit_m, "fixed in advance")
-        assert [of for _, of in found - usual] == ["all results"] * count, "the limits that were first are no deviation"
+        assert [of for _, of in found - usual] == ["all results"] * count, "the first limits are not a deviation"
 
 
 def test_drives_that_are_added_do_not_change_the_decision_of_a_sequential_test(

@@ -169,7 +169,7 @@ class FailedRun(NamedTuple):
 
 @pytest.fixture(scope="module")
 def failed_run(tmp_path_factory: pytest.TempPathFactory, scheduler: str) -> FailedRun:
-    """Run a suite with a good estimate, an estimate that is no trajectory, and a source that does not exist."""
+    """Run a suite with a good estimate, an estimate that is not a trajectory, and a source that does not exist."""
     folder = tmp_path_factory.mktemp("failed")
     suite = made_suite(folder / "made of it", 2)
     (suite.parent / "drive0.csv").write_text("stamp_ns\nnonsense\n")
@@ -267,7 +267,7 @@ def test_the_comparison_of_suites_ends_with_their_verdict(sfr: Sfr, missed: tupl
 @pytest.mark.slow
 @pytest.mark.parametrize("is_deleted", [False, True], ids=["result_kept", "result_deleted"])
 def test_a_plan_without_a_job_is_refused(sfr: Sfr, missed: tuple[Path, Path], is_deleted: bool) -> None:
-    """Also if the result of the removed job is deleted, so that no file names the job any more."""
+    """Even if the result of the removed job is deleted, so that no file names the job any more."""
     _, out = missed
     plan = json.loads((out / "plan.json").read_text())
     (job,) = [job for job in Store(out).plan.jobs if job.source.name == "drive2.csv"]

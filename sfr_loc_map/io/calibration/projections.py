@@ -152,7 +152,7 @@ def check_projection(p: FloatArray, where: str, advice: str = "correct the calib
     p_matrix = p.reshape(3, 4)
     if not np.isfinite(p_matrix).all() or p_matrix[0, 0] <= 0:
         raise InputError(
-            f"{where} has no projection p, as of a camera without a stereo calibration:",
+            f"{where} has no projection matrix p, as is usual for a camera that was not calibrated as part of a pair:",
             "calibrate both cameras as a pair",
         )
     if np.abs(p_matrix[[0, 1, 2, 2, 2, 1, 2], [1, 0, 0, 1, 3, 3, 2]] - [0, 0, 0, 0, 0, 0, 1]).max() > TOLERANCE:

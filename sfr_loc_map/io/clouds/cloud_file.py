@@ -212,7 +212,7 @@ def _check_values(cloud: PointCloud, path: Path) -> None:
     stamps_ns = cloud.pair_stamps_ns
     if stamps_ns is not None and len(cloud) and cloud.pair.max() >= len(stamps_ns):
         raise InputError(
-            f"cloud '{path}' has points of the pair number {cloud.pair.max()}, but the stamps of "
+            f"cloud '{path}' has points of pair {cloud.pair.max()} (counted from 0), but stamps for only "
             f"{counted(len(stamps_ns), 'pair')}:",
             "a stamp for each pair is required",
         )

@@ -104,7 +104,7 @@ def _may_be_heading(head: TableHead, columns: PoseColumns, column: int) -> bool:
 def _stamped_rows(head: TableHead, indices: Sequence[int], stamps: int) -> FloatArray:
     """Return the finite numbers of the first rows in these columns, in the order of the first columns, the `stamps`.
 
-    Dates are no numbers; their rows are in the order of the file.
+    Dates are not numbers; their rows are in the order of the file.
     """
     rows = head.numbers(max(indices) + 1)[:, indices]
     if not np.isfinite(rows[:, :stamps]).any():
@@ -200,9 +200,9 @@ def _problem_of_order(positions: FloatArray, quats_xyzw: FloatArray, other_xyzw:
     """Return why attitudes `(N, 4)` at positions `(N, 3)` are implausible as read; empty if they are plausible.
 
     `other_xyzw` are the attitudes in the other order of quaternions, scalar first in place of last or vice versa. The
-    attitudes are implausible only if this other order gives a level vehicle. If both orders give a level vehicle, its
-    forward axis decides, which points along the path. As read, the axes may also be those of a camera, whose y-axis
-    points down and whose z-axis points forward.
+    attitudes are implausible only if this other order gives a level vehicle. If both orders give a level vehicle, the
+    forward axis as read must also point against the path, and that of the other order along the path. As read, the axes
+    may also be those of a camera, whose y-axis points down and whose z-axis points forward.
     """
     if not quats_xyzw.any():  # positions without attitude
         return ""

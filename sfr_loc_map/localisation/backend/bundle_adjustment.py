@@ -203,7 +203,10 @@ def _add_to_landmark(r: _Residual, jacobian: FloatArray, weighted: FloatArray, o
 
 @jit_fast_ir_inline
 def _add_offset(r: _Residual, by_landmark: FloatArray, coupling: FloatArray, last: int) -> _OffsetTerms:
-    """Add a right position to the coupling with the right-image offset; return its contribution to the offset terms."""
+    """Add an observation in the right image to the coupling with the right-image offset.
+
+    Return the contribution of the observation to the offset terms.
+    """
     row = r.row
     residual = r.px
     weighted_u = r.weight * r.uu

@@ -201,7 +201,7 @@ class Shown(Enum):
 
     NOTHING = auto()  #: Nothing about the ground's motion, and no fault.
     AT_REST = auto()  #: One motion, but the image did not move.
-    CONSISTENT = auto()  #: One motion explains a pair with motion, also where landmarks were unexplained earlier.
+    CONSISTENT = auto()  #: One motion explains a pair with motion, even where landmarks were unexplained earlier.
     PARTLY_CONSISTENT = auto()  #: One motion, but a dynamic object is in view, or earlier cells stay unexplained.
     #: Two motions compete, the image contradicts the motion, or about half of the landmarks are unexplained. While the
     #: ground is uncertain: as `PARTLY_CONSISTENT`, and more landmarks than usual are unexplained.
@@ -300,7 +300,7 @@ class GroundMemory(NamedTuple):
         return Shown.PARTLY_CONSISTENT
 
     def _are_covered(self, main: Agreement, inliers: Mask) -> bool:
-        """Return whether cells with inliers are in or beside at least half of the uncertain cells."""
+        """Return whether at least half of the uncertain cells contain inliers or adjoin a cell that does."""
         if self.uncertain_cells is None:
             return True
         beside = cv2.dilate(main.cells(inliers).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0

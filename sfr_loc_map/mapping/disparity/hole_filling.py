@@ -7,7 +7,7 @@ which invalid pixels have a larger weight than valid pixels. A pixel is filled i
 Each pass of `fill_holes` selects the pixels that may be filled:
 
 1. The neighbourhood of the pixel is not completely saturated.
-2. A measured pixel is within `REACH`, or in later passes a pixel that was filled in the previous pass. For all other
+2. A measured pixel, or in later passes a pixel that was filled in the previous pass, is within `REACH`. For all other
    pixels, the hypotheses are the same as in the previous pass.
 
 `_propose` chooses a hypothesis (`_best_hypothesis`):

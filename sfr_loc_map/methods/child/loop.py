@@ -54,7 +54,7 @@ class Camera(TypedDict):
 
 
 class Setup(TypedDict):
-    """Parameters of an adapter at the start."""
+    """Parameters that an adapter receives when it starts."""
 
     task: str  #: `localisation` or `mapping`.
     target: str  #: Loaded by the adapter: `package.module:Class`, `FILE.py:Class` or the path of a library.

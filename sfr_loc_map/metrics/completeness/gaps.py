@@ -1,7 +1,7 @@
 """The gaps of a drive: times without an estimate, their length on the true path, and parts of the path without images.
 
-A gap is a run of expected stamps without an estimate (`gaps_of`). If the images are unknown, the true poses are no
-evidence of them, because a ground truth may have more poses than there were images. In this case, only a time of more
+A gap is a run of expected stamps without an estimate (`gaps_of`). If the images are unknown, the true poses are not
+evidence of images, because a ground truth may have more poses than there were images. In this case, only a time of more
 than five median periods between neighbouring estimates is an evident gap (`long_gaps`). The median is that of the
 estimates' own periods, so an estimate that contains only every fifth pose, for example, has no evident gap. With
 limits, each true pose without an estimate therefore counts as missing. Without limits there is no verdict, and only
@@ -142,7 +142,7 @@ def path_without_images(images_ns: IntArray, path: TruePath, max_gap_ns: int) ->
 def between_images(images_ns: IntArray, true_ns: IntArray) -> Mask:
     """Return which steps between neighbouring images contain a true pose without an image; both stamps ascend.
 
-    The ground truth must have the stamps and the period of the images. Otherwise a true pose is no evidence of an
+    The ground truth must have the stamps and the period of the images. Otherwise a true pose is not evidence of an
     image, and no step is returned.
     """
     is_hole = np.zeros(max(len(images_ns) - 1, 0), np.bool_)

@@ -44,7 +44,7 @@ class Allowance(Enum):
     REST = auto()  #: 1 minus the bound: the limit requires at least this fraction of the items.
     ANY = auto()  #: Any value, because the limit itself judges the same items.
     #: Any value if the bound is above 0, and 0 if the bound is 0. The limit counts other items than the shortfall, so
-    #: its bound is no fraction of them.
+    #: its bound is not a fraction of them.
     ANY_IF_POSITIVE = auto()
 
     def largest(self, bound: float) -> float:

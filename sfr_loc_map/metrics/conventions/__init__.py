@@ -5,7 +5,7 @@
     estimate, truth ── disagreement ──┬── mismatches ─────┬── convention_diagnosis.diagnose ── Diagnosis
                                       └── offset_search ──┘
 
-`disagreement` has the compared poses and the disagreement of each sub-trajectory, `mismatches` lists the mismatches and
-their corrections, and `offset_search` searches for an offset of the stamps. `convention_diagnosis` has the rule by
-which one mismatch is chosen.
+`disagreement` defines the compared poses and the disagreement of each sub-trajectory, `mismatches` lists the mismatches
+and their corrections, and `offset_search` searches for an offset of the stamps. `convention_diagnosis` defines the rule
+by which one mismatch is chosen.
 """

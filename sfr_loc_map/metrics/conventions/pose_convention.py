@@ -48,11 +48,11 @@ UNITS_M = (0.0254, 0.3048, 1200.0 / 3937.0, 0.9144)
 class PoseConvention:
     """Differences of an estimate from poses of RB in DS with orientations as in ROS and positions in metres."""
 
-    frame: str = param("rb", doc="Frame of the rover whose poses are given.", choices=FRAMES)
+    frame: str = param("rb", doc="Frame on the rover that the given poses describe.", choices=FRAMES)
     extrinsics: tuple[float, ...] = param(
         (),
         unit="m",
-        doc="Pose in RB of another frame whose poses are given: x,y,z,qx,qy,qz,qw.",
+        doc="Pose in RB of another frame that the given poses describe: x,y,z,qx,qy,qz,qw.",
         low=-100.0,
         high=100.0,
     )
@@ -208,7 +208,7 @@ def converted_estimates(
 
     With `world=first_pose` the first pose that is not lost is aligned with its true pose, or with the identity if there
     is no truth. Covariances are propagated, but removed if poses are inverted or mirrored. Steps (`step_cov`) are
-    motions of RB and are kept only if the conventions differ at most in the world frame or the stamps. MetricsError
+    motions of RB and are kept only if the conventions are equal except for the world frame and the stamps. MetricsError
     if the estimate has only positions, or if the world frame cannot be aligned (`world_at_first_pose`).
     """
     check_attitudes(estimates.trajectory)

@@ -92,7 +92,7 @@ class Figure(RowNumbers, frozen=True):
         return " ".join(filter(None, (self.figure, self.condition, self.part)))
 
     def statistic(self, name: str) -> float | None:
-        """Return the number of a column; ConfigError if no column with numbers has this name."""
+        """Return the value in a column; ConfigError if there is no numeric column of this name."""
         if name not in RowNumbers.__struct_fields__:
             raise ConfigError(f"there is no statistic '{name}'{suggestion(name, RowNumbers.__struct_fields__)}")
         found: float | None = getattr(self, name)

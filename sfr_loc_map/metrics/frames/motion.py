@@ -12,10 +12,10 @@ MOVING_SHARE = 0.1  #: The rover moves if its motion exceeds this fraction of th
 
 
 def least_by_rate(motions: FloatArray, durations_s: FloatArray) -> float:
-    """Return the motion above which the rover has moved over a typical duration, in the unit of `motions` `(M,)`.
+    """Return the threshold above which a motion of typical duration counts as movement.
 
-    The motion is a fraction of the motion at the largest rate over the median duration. A gap of the estimate increases
-    single motions and their durations, but not their rates.
+    The threshold has the unit of `motions` `(M,)`. It is a fraction of the motion at the largest rate over the
+    median duration. A gap of the estimate increases single motions and their durations, but not their rates.
     """
     if not len(motions):
         return 0.0

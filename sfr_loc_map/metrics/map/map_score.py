@@ -100,10 +100,10 @@ def score_nearest(
 ) -> MapResult:
     """Return the score of points with unknown pixels, by the distance to the nearest true point.
 
-    The nearest true point is rarely the observed point, so these distances underestimate the errors. Points at the
-    position of an earlier point, points in excess of the number of pixels of all pairs, and points in excess of
-    `MOST_AT_TRUE_POINT` with the same nearest true point count as repeated. A warning reports a cloud that is probably
-    not in LM or not in metres.
+    The nearest true point is rarely the observed point, so these distances underestimate the errors. The number of
+    repeated points is the largest of three numbers: points at the position of an earlier point, points in excess of the
+    number of pixels of all pairs, and points in excess of `MOST_AT_TRUE_POINT` with the same nearest true point. A
+    warning reports a cloud that is probably not in LM or not in metres.
 
     MetricsError if there is no truth, or if a point is not finite.
     """

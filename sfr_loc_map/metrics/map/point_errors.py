@@ -52,13 +52,13 @@ def check_pairs(cloud: PointCloud, truths: int) -> None:
     last = int(cloud.pair.max(initial=0))
     if last >= truths:
         raise MetricsError(
-            f"the cloud has points of pair {last} (counted from 0) but the truth has only {counted(truths, 'pair')}: "
+            f"the cloud has points of pair {last} (counted from 0), but the truth has only {counted(truths, 'pair')}: "
             "give the source that the cloud was made from"
         )
     stamps = cloud.pair_stamps_ns
     if stamps is not None and len(cloud) and last >= len(stamps):
         raise MetricsError(
-            f"the cloud has points of pair {last} (counted from 0) but the stamps of only "
+            f"the cloud has points of pair {last} (counted from 0), but stamps for only "
             f"{counted(len(stamps), 'pair')}: give one stamp for each pair"
         )
 

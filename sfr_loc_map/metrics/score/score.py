@@ -98,8 +98,8 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         """Return the row of a figure and a part, or without `part` the judged row; None if there is no such row.
 
         Without `condition` the first condition is used. The parts of a figure depend on the run, so an unknown `part`
-        is no error. ConfigError if neither the catalogue nor the table has this figure, or, naming the available parts,
-        if `part` is not given and no row of the figure is judged. MetricsError if the condition is invalid.
+        is not an error. ConfigError if neither the catalogue nor the table has this figure, or, naming the available
+        parts, if `part` is not given and no row of the figure is judged. MetricsError if the condition is invalid.
         """
         if part != JUDGED_ROW:
             return next(find_rows(self.figures, figure, subject=subject, condition=condition, part=part), None)

@@ -60,7 +60,7 @@ class Verdict(Record, frozen=True, kw_only=True):
     #: there is no such row. A tolerance bound is the `value` of its row.
     row: int | None = None
     subject: Subject | None = None  #: Subject of the figure.
-    condition: str | None = None  #: Condition of the sub-trajectories; null outside the trajectory.
+    condition: str | None = None  #: Condition of the sub-trajectories; null for figures without sub-trajectories.
     part: RowPart | None = None  #: Part of the figure.
     figure: str | None = None  #: Name of the figure.
     statistic: str | None = None  #: Column of the row; `bound` for a tolerance bound.

@@ -32,8 +32,8 @@ DRAWS = 1 << 15  #: Number of samples from which factors and confidences are com
 NORMALS = 1 << 15  #: Number of sampled errors for the radius that contains a fraction of all errors.
 MIN_TESTED = 200
 """Minimum number of values for a test of normality. With fewer values the test often accepts errors with heavy tails,
-whose bound is then far too small. Of samples of Student's t with three degrees of freedom, the test accepts one in two
-with 20 values, one in six with 60 values and one in twenty with 100 values."""
+whose bound is then far too small. The test accepts one in two samples of 20 values from Student's t with three degrees
+of freedom, one in six samples of 60 values, and one in twenty of 100 values."""
 ACCEPTED = 0.25  #: Minimum p-value to accept values as normal; the common 0.05 accepts too many heavy tails.
 RISK = 0.4
 """Fraction of the risk `1 - confidence` that is assigned to the normal factor. The remainder covers the assumptions of

@@ -55,5 +55,5 @@ def _sections(content: dict[Any, Any], prefix: str) -> Iterator[str]:
 
 
 def _applies(section: str, name: str) -> bool:
-    """Return whether a section applies to a node; `**` stands for any namespaces, also for none."""
+    """Return whether a section applies to a node; `**` stands for any namespaces, even for none."""
     return fnmatchcase(name, section) or fnmatchcase(name, section.replace("/**/", "/"))

@@ -129,7 +129,7 @@ class JobDescription:
     def source_identities(self) -> tuple[object, object]:
         """Name with location, and data of the source. Two sources are the same if either identity is equal.
 
-        A name alone is no identity: names may be equal, and the name of a simulation depends on the others.
+        A name alone is not an identity: names may be equal, and the name of a simulation depends on the others.
         """
         return (self.source, self.path), self.source_sha256
 
@@ -222,7 +222,7 @@ class Job:
 
     @property
     def measurement(self) -> str:
-        """Hash of data, code and parameters, without the settings of the score and without the errors that are kept."""
+        """Hash of data, code and parameters, but not of the score settings or of the choice of errors to keep."""
         data = [self.source.kind, self.source.sha256]
         faults = [self.faults, effective_seed(self.faults, self.fault_seed)]
         settings = [self.parameters, self.input_files, self.start]

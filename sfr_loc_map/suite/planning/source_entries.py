@@ -53,9 +53,9 @@ def _remote_files(url: str) -> Iterator[StatedFile]:
 
 
 def _local_files(entry: str, folder: Path) -> Iterator[StatedFile]:
-    """Yield a source for each match of a glob; a path that exists is no glob, even if its name has brackets."""
+    """Yield a source for each match of a glob; a path that exists is not a glob, even if its name has brackets."""
     named = str(folder / entry)
-    pattern = str(Path(glob.escape(str(folder))) / entry)  # the name of the folder is no pattern
+    pattern = str(Path(glob.escape(str(folder))) / entry)  # the name of the folder is not a pattern
     paths = [named] if os.path.exists(named) else sorted(glob.glob(pattern, recursive=True))
     if not paths:
         raise InputError(f"source '{entry}': no match in '{folder}'; give an existing path or glob")

@@ -1,4 +1,4 @@
-"""The reader of MCAP gives what the library gives, also without an index, without chunks and in no order."""
+"""The reader of MCAP gives what the library gives, even without an index, without chunks and in no order."""
 
 from __future__ import annotations
 

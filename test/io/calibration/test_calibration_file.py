@@ -357,13 +357,13 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
         colmap_rig_edited("OPENCV", "FOV"),
         "camera model FOV is not supported; supported are SIMPLE_PINHOLE",
     ),
-    "a rig of COLMAP that is no list": (
+    "a rig of COLMAP that is not a list": (
         colmap_rig_edited("cameras", "lenses"),
         "'rig_config.json' has no list of rigs, each with a list of 'cameras'",
     ),
     "a short row of COLMAP": (edited(colmap, ("200 160", "200")), "'cameras.txt' line"),
     "a translation that is a text": (edited(opencv("yml"), ("T: !!opencv", "T: far\nT0: !!opencv")), "T is "),
-    "a matrix that is no number": (text_file(ORB_SLAM.replace("Camera.fx: 150", "Camera.fx: [1]")), "Camera.fx is [1]"),
+    "a focal length in a list": (text_file(ORB_SLAM.replace("Camera.fx: 150", "Camera.fx: [1]")), "Camera.fx is [1]"),
     "no baseline": (
         text_file(ORB_SLAM.replace("bf: 18", "bf: 0") + "Camera.width: 200\nCamera.height: 160\n"),
         "Camera.bf is 0: a positive baseline is required",

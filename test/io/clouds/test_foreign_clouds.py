@@ -130,7 +130,7 @@ REFUSED: dict[str, tuple[bytes, str]] = {
     "a negative sigma.npz": (npz(**PIXELS, sigma=-np.ones(3)), "has a sigma of -1 m: at least 0 m is required"),
     "a pair without a stamp.npz": (
         npz(**PIXELS, pair_stamps_ns=np.array([5, 6])),
-        "points of the pair number 2, but the stamps of 2 pairs",
+        "points of pair 2 (counted from 0), but stamps for only 2 pairs",
     ),
     "no width.pcd": (pcd(b"", "binary", "WIDTH\nHEIGHT 1"), "header has no WIDTH"),
     "no fields.pcd": (pcd(b"", "binary").replace(b"FIELDS x y z _\n", b""), "header has no FIELDS"),

@@ -141,7 +141,7 @@ FORMS: dict[str, Callable[[Trajectory], str]] = {
     "more columns without a header": lambda p: rows(
         seconds(p), p.positions, p.quats_xyzw, np.full((COUNT, 6), 1e-4), separator=" "
     ),
-    "twelve columns that are no matrix": lambda p: rows(
+    "twelve columns that are not a matrix": lambda p: rows(
         seconds(p), p.positions, p.quats_xyzw, np.full((COUNT, 4), 1e-4), separator=" "
     ),
     "a header of more names than columns": lambda p: rows(

@@ -1,4 +1,4 @@
-"""A search in the folder of a suite: results are reused, and a failure of the host is no worst case."""
+"""A search in the folder of a suite: results are reused, and a failure of the host is not a worst case."""
 
 from __future__ import annotations
 

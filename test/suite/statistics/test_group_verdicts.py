@@ -66,7 +66,7 @@ def group_of(limit: str, bound: object, results: list[ScoredJob]) -> GroupVerdic
 
 
 def test_a_result_with_calls_but_without_the_estimate_makes_the_verdicts_of_its_group_incomplete() -> None:
-    """A drive must not meet a limit by the absence of its estimate. A cloud without calls of the drive is no drive."""
+    """A drive must not meet a limit by the absence of its estimate. A cloud without calls is not a drive."""
     results = [scored_job(str(number), scored(number)) for number in range(30)]
     calls, cloud = (
         Score(figures=(figure_row("judged", None, part, n=60, value=1.0),)) for part in ("calls localisation", "map")

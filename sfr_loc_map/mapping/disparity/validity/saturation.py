@@ -25,8 +25,8 @@ class Saturation:
 
     #: `(H, W)`, whether the square of `SATURATED_SQUARE_PX` around the pixel is completely saturated in either image.
     square_saturated: Mask
-    #: `(H, W)`, saturated fraction of the square of `NEARBY_SIDE_PX` around the pixel as an 8-bit number: 0 is no
-    #: saturated pixel, and 255 is a completely saturated square.
+    #: `(H, W)`, saturated fraction of the square of `NEARBY_SIDE_PX` around the pixel as an 8-bit number: 0 if
+    #: no pixel is saturated, and 255 if the square is completely saturated.
     nearby_fraction_255: GreyImage
     fraction: float  #: Fraction of the pixels that are saturated in either image.
 
