@@ -454,15 +454,11 @@ MUTATIONS = (
     ),
     Mutation(SHORTFALLS, 'of_figures=("attitude", "heading")', 'of_figures=("heading",)'),
     # a truth that is the output of a run, or whose configuration is not used
-    Mutation(
-        "scoring/load_drive.py",
-        "if (calls := stats_beside(place)).is_file():",
-        "if (calls := stats_beside(place)).is_dir():",
-    ),
+    Mutation("scoring/load_drive.py", "if calls.is_file() and not are_of_estimate:", "if not are_of_estimate:"),
     Mutation("scoring/load_drive.py", "true.how.configuration.path is None and beside", "beside"),
     # stored scores whose inputs were changed since
-    Mutation("scoring/provenance.py", "hash_path(path) != file.sha256 and not (role", "not (role"),
-    Mutation("scoring/provenance.py", "(role == LIMITS and contains_limits", "(role == LIMITS or contains_limits"),
+    Mutation("scoring/provenance.py", "if hash_path(path) == file.sha256:\n            continue\n", ""),
+    Mutation("scoring/provenance.py", "role == LIMITS and _contains_limits", "role == LIMITS or _contains_limits"),
     Mutation("scoring/provenance.py", "if not changed or not is_judged or", "if not changed or is_judged or"),
     # repeated poses, copies of true poses
     Mutation("metrics/completeness/copies.py", "NOISES = 5.0", "NOISES = 0.5"),
