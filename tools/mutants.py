@@ -457,7 +457,7 @@ MUTATIONS = (
     Mutation("scoring/load_drive.py", "if calls.is_file() and not are_of_estimate:", "if not are_of_estimate:"),
     Mutation("scoring/load_drive.py", "true.how.configuration.path is None and beside", "beside"),
     # stored scores whose inputs were changed since
-    Mutation("scoring/provenance.py", "if hash_path(path) == file.sha256:\n            continue\n", ""),
+    Mutation("scoring/provenance.py", "if hash_path(path) == file.sha256:", "if not path:"),
     Mutation("scoring/provenance.py", "role == LIMITS and _contains_limits", "role == LIMITS or _contains_limits"),
     Mutation("scoring/provenance.py", "if not changed or not is_judged or", "if not changed or is_judged or"),
     # repeated poses, copies of true poses
