@@ -150,10 +150,12 @@ def rig_from_projections(
 def check_projection(p: FloatArray, where: str, advice: str = "correct the calibration") -> None:
     """Raise InputError unless P `(12,)` is that of a rectified camera. P of an uncalibrated camera is zero."""
     p_matrix = p.reshape(3, 4)
-    if not np.isfinite(p_matrix).all() or p_matrix[0, 0] <= 0:
+    if not p_matrix.any():
         raise InputError(
             f"{where} has no projection matrix p, as is usual for a camera that was not calibrated as part of a pair:",
             "calibrate both cameras as a pair",
         )
-    if np.abs(p_matrix[[0, 1, 2, 2, 2, 1, 2], [1, 0, 0, 1, 3, 3, 2]] - [0, 0, 0, 0, 0, 0, 1]).max() > TOLERANCE:
+    fixed = p_matrix[[0, 1, 2, 2, 2, 1, 2], [1, 0, 0, 1, 3, 3, 2]]
+    is_possible = bool(np.isfinite(p_matrix).all()) and p_matrix[0, 0] > 0
+    if not is_possible or np.abs(fixed - [0, 0, 0, 0, 0, 0, 1]).max() > TOLERANCE:
         raise InputError(f"{where} is non-rectified (p is not that of a rectified left or right camera):", advice)

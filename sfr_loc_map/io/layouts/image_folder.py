@@ -67,8 +67,8 @@ def open_image_folder(path: Path, config: SourceConfig) -> Source:
 def _by_stamp(folder: Path) -> tuple[dict[int, Path], str]:
     """Return the images of a folder by stamp, ns, which the file name states, and the unit of the names.
 
-    The unit is inferred from the magnitude of the numbers. Frame numbers have the times in `times.txt`, which is beside
-    the folder or in it.
+    The unit is inferred from the magnitude of the numbers. Frame numbers, which consist of digits, have the times in
+    `times.txt`, which is beside the folder or in it.
     """
     files = sorted(images_in(folder))
     number_of, wrong = _numbers_in_names(files)
@@ -76,13 +76,16 @@ def _by_stamp(folder: Path) -> tuple[dict[int, Path], str]:
     check_fractions_are_padded(numbers, f"images of '{folder}'")
     unit = "" if wrong else inferred_time_unit(numbers, is_seconds=False)
     if not unit:
+        are_frame_numbers = not wrong and all(number.isdecimal() for number in numbers)
         times = next((file for file in (folder.parent / TIMES_FILE, folder / TIMES_FILE) if file.is_file()), None)
-        if times is not None and not wrong:
+        if times is not None and are_frame_numbers:
             return _by_time(number_of, times), "ns"
         shown = wrong or ", ".join(numbers[:3])
         raise InputError(
             f"images of '{folder}' are named {shown}: stamps in one unit (s, ms, us, ns) are required as names;",
-            "rename them" if wrong else f"rename them, or write the time of each, s, to '{folder.parent / TIMES_FILE}'",
+            f"rename them, or write the time of each, s, to '{folder.parent / TIMES_FILE}'"
+            if are_frame_numbers
+            else "rename them",
         )
     by_stamp: dict[int, Path] = {}
     for file, number in number_of.items():

@@ -14,7 +14,7 @@ _IN_TWO_CELLS = (
     re.compile(_DATE + rb"(?P<gap>" + _QUOTES + rb"," + _QUOTES + rb")" + _TIME + rb"(?:\.\d+)?)"),
     re.compile(_DATE + rb"(?P<gap>" + _QUOTES + rb"[;\t]" + _QUOTES + rb")" + _TIME + rb"(?:[.,]\d+)?)"),
 )
-_TITLES = re.compile(rb"(?im)^(?P<sign>[#% \t]*)date[ \t]+(?P<time>[a-z_]*time)\b")
+_TITLES = re.compile(rb"(?im)^(?P<sign>[#% \t]*)date +(?P<time>[a-z_]*time)\b")
 
 
 def has_dates(block: bytes) -> bool:
@@ -25,8 +25,9 @@ def has_dates(block: bytes) -> bool:
 def with_complete_dates(block: bytes) -> bytes:
     """Return a block of a table with each date and its time of day as one stamp, written as ISO 8601.
 
-    If a separator is between them, both cells get the stamp. The day of a date with points is before the month, as in
-    German. In dates with slashes, the year must be first, because the order of day and month is otherwise ambiguous.
+    If a separator is between them, both cells get the stamp, and both titles are kept. The day of a date with points is
+    before the month, as in German. In dates with slashes, the year must be first, because the order of day and month is
+    otherwise ambiguous.
     """
     for pattern in _IN_TWO_CELLS:
         block = pattern.sub(lambda match: _iso(match) + match["gap"] + _iso(match), block)

@@ -12,6 +12,8 @@ MAX_EQUAL = 2  #: Largest mean number of poses with one stamp; some tools write 
 SAME_PLACE_M = 0.01  #: Largest distance of positions at equal stamps that may be noise, m.
 APART_STEPS = 5.0  #: Smallest distance of two bodies, as a multiple of the median step between different stamps.
 NEXT_ROWS = 6  #: Number of following rows in which the next row of the same body is searched.
+GRID_STEPS = 4.0  #: Smallest distance of two bodies, as a multiple of the grid to which the positions are rounded.
+SMALLEST_GRID_M = 1e-6  #: Smallest difference of two coordinates that is not a rounding error of the numbers, m.
 RUN_ROWS = 10  #: Smallest number of rows of a run; rows in random order have shorter runs.
 
 
@@ -92,7 +94,9 @@ def _check_not_alternating(name: str, stamps_ns: IntArray, positions: FloatArray
     A path alternates if its rows belong to several bodies that have their own stamps. A row is then near the next row
     of the same body, but far from the row that follows in time. White noise of a stationary body has steps of at most
     about three times the smallest distance to the following rows. A stationary body whose positions are rounded may
-    alternate between two places, so the bodies are also required to move by more than their distance.
+    alternate between two places, so the bodies are also required to move by more than their distance. The rounded
+    positions of a slow body alternate between neighbouring points of the grid while the body moves on, so the distance
+    is also required to exceed `GRID_STEPS` times the grid.
     """
     ordered = positions[np.argsort(stamps_ns, kind="stable")]
     count = len(ordered) - NEXT_ROWS
@@ -107,9 +111,16 @@ def _check_not_alternating(name: str, stamps_ns: IntArray, positions: FloatArray
         return
     typical_m = float(np.median(to_next_m[is_away]))
     extent_m = float(np.linalg.norm(np.ptp(ordered, axis=0)))
-    if to_next_m.mean() > APART_STEPS * nearest_m.mean() and extent_m > 2.0 * typical_m:
+    is_far = extent_m > 2.0 * typical_m > 2.0 * GRID_STEPS * _grid_m(ordered)
+    if to_next_m.mean() > APART_STEPS * nearest_m.mean() and is_far:
         raise InputError(
             f"{name}: {np.count_nonzero(is_away)} of {count} steps lead to another place and back, typically "
             f"{typical_m:.3g} m away: the poses of one body are required;",
             "give each body a file of its own",
         )
+
+
+def _grid_m(positions: FloatArray) -> float:
+    """Return the grid to which positions `(N, 3)` are rounded, m: the smallest difference of two coordinates."""
+    differences = np.diff(np.sort(positions, axis=0), axis=0)
+    return float(np.min(differences, initial=np.inf, where=differences > SMALLEST_GRID_M))

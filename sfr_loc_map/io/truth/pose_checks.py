@@ -28,7 +28,12 @@ _log = logging.getLogger(__name__)
 
 MAX_SPEED_M_PER_S = 100.0  #: Largest speed of a vehicle with cameras; cars, trains and racing drones are slower.
 MIN_JUMP_M = 1.0  #: Smallest jump, m. Smaller jumps may be position noise at two nearly equal stamps.
-JUMPS_PER_STEP = 20.0  #: Smallest ratio of a jump to the median step of the path: rovers pause and accelerate.
+JUMPS_PER_STEP = 20.0
+"""Smallest ratio of a jump to the median step, and of its speed to the 90 % quantile of the speeds.
+
+Rovers pause and accelerate, so the ratio is large."""
+JUMP_SPEED_M_PER_S = 5.0  #: Smallest speed of a jump, m/s. A rover that mostly rests has slower honest steps.
+MOVED_M = 1e-6  #: Smallest step that is not a held pose, m; files round to this.
 SHORTEST_STEP_S = 1e-3  #: Smallest time between two poses for the speed of a step, s.
 STEPS_FROM_ZERO = 5.0  #: Smallest ratio of the distance of a path from 0, 0, 0, where it never is, to its median step.
 MIN_POSITIONS = 4  #: Smallest number of positions for the detection of jumps.
@@ -90,14 +95,19 @@ def zero_positions(positions: FloatArray) -> Mask:
 def largest_jump(stamps_ns: IntArray, positions: FloatArray) -> str:
     """Return a finding about the largest jump between positions `(N, 3)`, m; empty if there is none.
 
-    A jump exceeds `MIN_JUMP_M`, and its speed exceeds `JUMPS_PER_STEP` times the speed of nearly all other steps.
+    A jump exceeds `MIN_JUMP_M`. Its speed exceeds `JUMP_SPEED_M_PER_S` and `JUMPS_PER_STEP` times the speed of nearly
+    all other steps. Rows that repeat the position of the previous row are ignored, because a table may hold each
+    position until the next measurement.
     """
+    has_moved = np.append(True, np.linalg.norm(np.diff(positions, axis=0), axis=1) > MOVED_M)[: len(positions)]
+    stamps_ns, positions = stamps_ns[has_moved], positions[has_moved]
     if len(positions) < MIN_POSITIONS:
         return ""
     steps_m = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     steps_s = np.maximum(np.abs(np.diff(stamps_ns)) / NS_PER_S, SHORTEST_STEP_S)
     speeds = steps_m / steps_s
-    is_jump = (steps_m > MIN_JUMP_M) & (speeds > JUMPS_PER_STEP * np.quantile(speeds, 1.0 - MAX_INVALID))
+    fastest = max(JUMP_SPEED_M_PER_S, JUMPS_PER_STEP * float(np.quantile(speeds, 1.0 - MAX_INVALID)))
+    is_jump = (steps_m > MIN_JUMP_M) & (speeds > fastest)
     if not is_jump.any():
         return ""
     row = int(np.argmax(np.where(is_jump, steps_m, 0.0)))

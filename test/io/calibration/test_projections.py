@@ -43,6 +43,8 @@ def test_p_alone_describes_rectified_images() -> None:
     ("field", "value", "words"),
     [
         ("p", np.zeros(12), "no projection"),
+        ("p", np.full(12, np.nan), "is non-rectified"),
+        ("p", projection(RIG, "right") * np.append(-1, np.ones(11)), "is non-rectified"),
         ("p", projection(RIG, "right") * np.tile([1, 1, 1, -1], 3), "swapped"),
         ("p", projection(RIG, "left"), "baseline"),
         ("width", 25, "24 x 16 and 25 x 16"),

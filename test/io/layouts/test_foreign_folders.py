@@ -143,6 +143,7 @@ def test_images_that_are_not_named_by_a_time_are_refused(tmp_path: Path, sfr: Sf
 @pytest.mark.parametrize(
     ("names", "words"),
     [
+        (["1.0", "2.0"], r"named 1\.0, 2\.0: stamps in one unit .* are required as names; rename them$"),
         (["4611686018427387904"], "is not a number of nanoseconds since 1970"),
         (["\u0661\u0662"], "stamps in one unit"),
         (["1700000000000000000", "01700000000000000000"], "have the same stamp"),
@@ -159,6 +160,8 @@ def test_names_of_images_that_give_no_unique_stamp_are_refused(tmp_path: Path, n
         (tmp_path / "drive" / side).mkdir(parents=True)
         for name in names:
             (tmp_path / "drive" / side / f"{name}.png").write_bytes(encode_png(np.zeros((8, 8), np.uint8)))
+    if "1.0" in names:
+        (tmp_path / "drive" / "times.txt").write_text("0.0\n0.1\n")
     (tmp_path / "c.yaml").write_text(kalibr("TUM-VI", *CHAINS["T_cn_cnm1"]))
     with pytest.raises(InputError, match=words):
         open_source(tmp_path / "drive", SourceConfig(calibration=CalibrationConfig(file=str(tmp_path / "c.yaml"))))

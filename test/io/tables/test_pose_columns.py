@@ -211,6 +211,13 @@ FORMS: dict[str, Callable[[Trajectory], str]] = {
         .replace(".", ",")
         .replace("|", ".")
     ),
+    "dates in a column of their own between tabs": lambda p: rows(
+        moments(p, "%Y-%m-%d\t%H:%M:%S.%f"),
+        p.positions,
+        p.quats_xyzw,
+        separator="\t",
+        header="\t".join(("Date", "Time", *POSE_NAMES.split(","))),
+    ),
     "dates with slashes between spaces": lambda p: rows(
         moments(p, "%Y/%m/%d %H:%M:%S.%f"), p.positions, p.quats_xyzw, separator="  ", header="% GPST x y z qx qy qz qw"
     ),
@@ -236,6 +243,7 @@ def test_each_form_is_read_as_it_was_written(tmp_path: Path, sfr: Sfr, form: str
 
 HEADERS_OF_POSITIONS = {
     "Point,Date,Time,E,N,H": "P1,%Y-%m-%d,%H:%M:%S.%f",
+    "Date\tTime\tx\ty\tz": "%Y-%m-%d\t%H:%M:%S.%f",
     "Time,Easting,Northing,Altitude": "%Y-%m-%dT%H:%M:%S.%f",
     "UTC Time,X Position,Y Position,Z Position": "%Y-%m-%d %H:%M:%S.%f",
     "% GPST,e-baseline(m),n-baseline(m),u-baseline(m)": "%Y/%m/%d %H:%M:%S.%f",
@@ -245,7 +253,8 @@ HEADERS_OF_POSITIONS = {
 @pytest.mark.parametrize("header", HEADERS_OF_POSITIONS)
 def test_positions_at_dates_are_read_by_their_names(tmp_path: Path, header: str) -> None:
     poses = drive()
-    (tmp_path / "t.csv").write_text(rows(moments(poses, HEADERS_OF_POSITIONS[header]), poses.positions, header=header))
+    stamps, separator = moments(poses, HEADERS_OF_POSITIONS[header]), "\t" if "\t" in header else ","
+    (tmp_path / "t.csv").write_text(rows(stamps, poses.positions, separator=separator, header=header))
     found = read_trajectory_file(tmp_path / "t.csv").trajectory
     assert found.stamps_ns.tolist() == poses.stamps_ns.tolist()
     assert found.positions.tolist() == poses.positions.tolist()

@@ -237,12 +237,14 @@ def test_two_bodies_with_stamps_of_their_own_are_refused(tmp_path: Path, period_
         read_trajectory_file(tmp_path / "t.csv")
 
 
-@pytest.mark.parametrize("case", ["noise", "rounded noise", "spikes"])
+@pytest.mark.parametrize("case", ["noise", "rounded noise", "rounded drive", "spikes"])
 def test_noise_and_few_spikes_are_no_second_body(tmp_path: Path, case: str) -> None:
     rng = np.random.default_rng(2)
     positions = rng.normal(0.0, 0.05, (300, 2)) if "noise" in case else np.column_stack((np.arange(300), np.zeros(300)))
     if case == "rounded noise":
         positions = np.round(positions, 1)
+    if case == "rounded drive":
+        positions = np.round(0.002 * positions + rng.normal(0.0, 0.02, (300, 2)), 1)
     if case == "spikes":
         positions[::12, 1] = 20.0
     rows = "".join(f"{0.1 * k:.1f},{x},{y},0\n" for k, (x, y) in enumerate(positions.tolist()))

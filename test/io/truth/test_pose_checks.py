@@ -16,6 +16,7 @@ from sfr_loc_map.io.truth.pose_checks import (
     has_constant_height,
     has_no_tilt,
     jumping_positions,
+    largest_jump,
     marked_as_unknown,
     path_turns,
 )
@@ -215,3 +216,21 @@ def test_a_jump_to_another_origin_is_reported(jump_m: float, gap_s: int, is_foun
     checked = check_poses(RecordedTruth(Trajectory(stamps_ns, positions, IDENTITY), ""), warn=findings.append)
     assert len(checked.recorded.poses) == COUNT
     assert any("jump" in text for text in findings) == is_found
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "held", "speed", "moving"),
+    [(100.0, 20, 8.0, 1.0), (100.0, 100, 1.2, 1.0), (0.1, 1, 1.0, 0.05)],
+    ids=["GNSS of 5 Hz in a table of 100 Hz", "GNSS of 1 Hz in a table of 100 Hz", "total station, mostly at rest"],
+)
+@pytest.mark.parametrize("jump_m", [0.0, 500.0])
+def test_a_held_pose_and_a_rest_are_not_jumps(
+    rate_hz: float, held: int, speed: float, moving: float, jump_m: float
+) -> None:
+    rows = np.arange(4000)
+    measured = rows // held * held
+    positions = np.zeros((4000, 3))
+    positions[:, 0] = np.maximum(measured - (1.0 - moving) * 4000, 0.0) * speed / rate_hz
+    positions[3900:, 1] += jump_m
+    found = largest_jump(np.round(rows * NS_PER_S / rate_hz).astype(np.int64), positions)
+    assert bool(found) == (jump_m > 0.0)
