@@ -261,7 +261,7 @@ def test_localisation_survives_what_the_network_may_send(ros: None, capfd: Captu
         peer.publish(CameraInfo, "loc/left/camera_info", raw(bad))
         right_info = raw(bag_messages.camera_info(START_NS, LOC_RIG, "loc", "right"))
         peer.publish(CameraInfo, "loc/right/camera_info", right_info)
-        peer.refused("has no projection matrix p")
+        peer.refused("is non-rectified")
         send_infos(peer, "loc", LOC_RIG)
         good = raw(bag_messages.image(START_NS, loc_pair(0).left, "loc", "left"))
         for broken in (good[: len(good) // 2], b"\0\1\0", b"\xff" * 64):
