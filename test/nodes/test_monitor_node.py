@@ -4,8 +4,8 @@ import json
 import math
 import subprocess
 from collections.abc import Iterator
-from contextlib import ExitStack
-from itertools import contextmanager, count
+from contextlib import ExitStack, contextmanager
+from itertools import count
 from pathlib import Path
 from typing import Any
 
