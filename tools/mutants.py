@@ -458,7 +458,7 @@ MUTATIONS = (
     Mutation("scoring/load_drive.py", "true.how.configuration.path is None and beside", "beside"),
     # stored scores whose inputs were changed since
     Mutation("scoring/provenance.py", "if hash_path(path) == file.sha256:", "if not path:"),
-    Mutation("scoring/provenance.py", "role == LIMITS and _contains_limits", "role == LIMITS or _contains_limits"),
+    Mutation("scoring/provenance.py", "role == LIMITS and _still_contains", "role == LIMITS or _still_contains"),
     Mutation("scoring/provenance.py", "if not changed or not is_judged or", "if not changed or is_judged or"),
     # repeated poses, copies of true poses
     Mutation("metrics/completeness/copies.py", "NOISES = 5.0", "NOISES = 0.5"),

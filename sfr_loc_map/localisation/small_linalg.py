@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
-from sfr_loc_map.jit import jit, jit_fast_ir_inline
+from sfr_loc_map.jit import jit, jit_fast_ir_inline, jit_inline
 
 SMALL_ANGLE = 1e-4  #: Angle, rad, below which series of sine and cosine are used, exact to 1e-16.
 MIN_PIVOT = 1e-300  #: Minimum square of a diagonal element of a Cholesky factor, which must be positive.
@@ -47,6 +47,15 @@ def retract(rotation: FloatArray, x: float, y: float, z: float) -> FloatArray:
     return orthonormal
 
 
+@jit_inline
+def _less_factored(matrix: FloatArray, lower: FloatArray, i: int, j: int) -> float:
+    """Return an element of a matrix less the product of its factored columns: that of `L L^T` in column j or later."""
+    total = matrix[i, j]
+    for k in range(j):
+        total -= lower[i, k] * lower[j, k]
+    return float(total)
+
+
 @jit
 def cholesky(matrix: FloatArray) -> FloatArray:
     """Return the lower factor L `(n, n)` of a symmetric positive definite matrix. Pivots are at least `MIN_PIVOT`."""
@@ -54,9 +63,7 @@ def cholesky(matrix: FloatArray) -> FloatArray:
     lower = np.zeros((n, n))
     for j in range(n):
         for i in range(j, n):
-            total = matrix[i, j]
-            for k in range(j):
-                total -= lower[i, k] * lower[j, k]
+            total = _less_factored(matrix, lower, i, j)
             if i == j:
                 lower[j, j] = np.sqrt(max(total, MIN_PIVOT))
             else:
@@ -71,9 +78,7 @@ def is_positive_definite(matrix: FloatArray) -> bool:
     lower = np.zeros((n, n))
     for j in range(n):
         for i in range(j, n):
-            total = matrix[i, j]
-            for k in range(j):
-                total -= lower[i, k] * lower[j, k]
+            total = _less_factored(matrix, lower, i, j)
             if i > j:
                 lower[i, j] = total / lower[j, j]
             elif 0.0 < total < np.inf:  # False for NaN

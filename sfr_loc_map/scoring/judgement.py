@@ -47,8 +47,10 @@ class Judgement:
 
 def limits_file_of(limits: Path | None, config: Configuration) -> Path | None:
     """Return the given limits file, or else that of the configuration; None if there is none."""
-    named = config.sections.get("limits")
-    return config.folder / named if limits is None and named else limits
+    named: str | None = config.sections.get("limits")
+    if limits is not None or not named:
+        return limits
+    return config.folder / named
 
 
 def _check_conditions(config: Configuration) -> None:

@@ -1,4 +1,4 @@
-"""Placeholders in the poses of an estimate and a truth: a constant attitude, and repeated poses."""
+"""Poses that are not measured: constant attitudes of an estimate, and a truth that stands still or repeats poses."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.truth.pose_checks import SHORTEST_M, has_constant_attitude
 from sfr_loc_map.metrics.completeness.copies import resolution_of
 
+MOVED_M = 1.0  #: Extent of an estimate, m, from which on a stationary truth is reported.
+STATIONARY_SHARE = 0.01  #: Largest extent of a stationary truth, as a fraction of the extent of the estimate.
 MAX_HELD = 0.1  #: Largest fraction of the estimated path without a warning at which the truth repeats a pose.
 
 
@@ -26,6 +28,22 @@ def placeholder_warnings(estimate: Trajectory, truth: Trajectory) -> Iterator[st
             f"the truth repeats a pose exactly while the estimate covers {100.0 * held:.3g} % of its path: the truth "
             "was held while its source was lost or slower than its stamps; remove the repeated poses"
         )
+
+
+def stationary_truth_warnings(estimate: Trajectory, truth: Trajectory) -> Iterator[str]:
+    """Yield a warning if the true positions do not change although the estimate moves."""
+    estimated_m = _extent_m(estimate)
+    true_m = _extent_m(truth)
+    if estimated_m > MOVED_M and true_m < STATIONARY_SHARE * estimated_m:
+        yield (
+            f"the ground truth moves by {true_m:.3g} m, the estimate by {estimated_m:.3g} m: verify that the ground "
+            "truth tracks the rover"
+        )
+
+
+def _extent_m(poses: Trajectory) -> float:
+    """Return the largest extent of the positions along an axis, m; 0 without poses."""
+    return float(np.ptp(poses.positions, axis=0).max()) if len(poses) else 0.0
 
 
 def held_share(truth: Trajectory, estimate: Trajectory) -> float:

@@ -140,7 +140,7 @@ def changed_inputs(score: Score) -> tuple[list[InputFile], int]:
         present += 1
         if hash_path(path) == file.sha256:
             continue
-        if role == LIMITS and _contains_limits(path, score.active_rules):
+        if role == LIMITS and _still_contains_limits(path, score.active_rules):
             continue
         changed.append(file)
     return changed, present
@@ -153,7 +153,7 @@ def _is_readable_file(path: Path) -> bool:
     return False
 
 
-def _contains_limits(path: Path, rules: Limits) -> bool:
+def _still_contains_limits(path: Path, rules: Limits) -> bool:
     """Return whether a limits file is valid and contains the limits of a score."""
     with suppress(SfrError):
         return contains_limits(path, rules)
@@ -172,9 +172,8 @@ def with_changed_inputs(score: Score, origin: str, *, is_judged: bool) -> Score:
         return score
     rows = tuple(inputs_completeness(len(changed), present))
     keys = [row.keys for row in rows]
-    return with_verdicts(
-        struct_replace(score, figures=(*(row for row in score.figures if row.keys not in keys), *rows))
-    )
+    other_rows = tuple(row for row in score.figures if row.keys not in keys)
+    return with_verdicts(struct_replace(score, figures=(*other_rows, *rows)))
 
 
 def host_facts() -> dict[str, str]:

@@ -40,7 +40,7 @@ from sfr_loc_map.metrics.trajectory.aligned_error import aligned_errors
 from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 from sfr_loc_map.scoring.conversion import ConventionFinding
 from sfr_loc_map.scoring.inputs import DriveToScore, Run, TargetCalls
-from sfr_loc_map.scoring.placeholders import placeholder_warnings
+from sfr_loc_map.scoring.placeholders import placeholder_warnings, stationary_truth_warnings
 from sfr_loc_map.suite_names import Task
 
 FEW_TRUE_POSES = 1.0 / SPARSER  #: A truth is reported as sparse up to this ratio of true poses to images.
@@ -48,8 +48,6 @@ ESTIMATES_OF_PART = 20  #: Mean number of estimates in a part of a drive whose r
 MAX_UNEVEN = 0.05
 """Largest accepted fraction of the estimates by which the denser parts of a drive exceed their fraction of the time. A
 rate that doubles in half of the drive has an excess of 1/6."""
-MOVED_M = 1.0  #: Extent of an estimate, m, from which on a stationary truth is reported.
-STATIONARY_SHARE = 0.01  #: Largest extent of a stationary truth, as a fraction of the extent of the estimate.
 MAX_PIXEL_OFFSET = 5.0  #: Maximum typical reprojection error of points, px. Matching errors are smaller.
 
 
@@ -85,9 +83,14 @@ def trajectory_result(
         in_flight_ns=in_flight_ns,
         kept_errors=kept_errors,
     )
-    warnings = [*_stationary_truth(drive)] if finding is None else [finding.text]
+    estimate = drive.estimates.trajectory
+    warnings: list[str] = []
+    if finding is not None:
+        warnings.append(finding.text)
+    else:
+        warnings += stationary_truth_warnings(estimate, drive.truth)
     warnings += _sparse_truth(drive, scored.association)
-    warnings += placeholder_warnings(drive.estimates.trajectory, drive.truth)
+    warnings += placeholder_warnings(estimate, drive.truth)
     warnings += truth_caveats(scored.truth)
     about_truth = (f"ground truth: {text}" for text in as_truth(drive.truth).findings)
     caveats = (*drive.caveats, *about_truth, *_uneven_estimates(drive, scored.association))
@@ -124,17 +127,6 @@ def _sparse_truth(drive: DriveToScore, association: Association) -> Iterator[str
             f"the truth has only {association.truth_poses} poses for {expected} {what}: only these are scored, errors "
             "between them are not in the figures, and --spacing and conditions of frames count true poses; sfr score "
             "--frames images interpolates the truth to every image"
-        )
-
-
-def _stationary_truth(drive: DriveToScore) -> Iterator[str]:
-    """Yield a warning if the true positions do not change although the estimate moves."""
-    paths = (drive.estimates.trajectory.positions, drive.truth.positions)
-    estimated_m, true_m = (float(np.ptp(path, axis=0).max()) if len(path) else 0.0 for path in paths)
-    if estimated_m > MOVED_M and true_m < STATIONARY_SHARE * estimated_m:
-        yield (
-            f"the ground truth moves by {true_m:.3g} m, the estimate by {estimated_m:.3g} m: verify that the ground "
-            "truth tracks the rover"
         )
 
 

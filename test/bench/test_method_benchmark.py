@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from helpers import HELPERS
 from helpers.cli_result import Sfr
 from helpers.made_scene import NAV_RIG, loc_pair, write_folder
 from helpers.score_rows import number
@@ -63,17 +64,6 @@ class Mapper:
     def fuse(self, results):
         raise AssertionError("a benchmark maps each pair separately")
 """
-ABORTING = """
-import os
-class Aborting:
-    calls = 0
-    def __init__(self, rig, config):
-        pass
-    def process(self, pair):
-        self.calls += 1
-        if self.calls == 8:
-            os.abort()
-"""
 
 
 @pytest.fixture(scope="module")
@@ -116,8 +106,7 @@ def test_an_accuracy_is_also_computed_from_true_positions(drive: Path, tmp_path:
 def test_localise_shows_ours_and_opencv_with_the_accuracy_of_the_score(drive: Path, tmp_path: Path, sfr: Sfr) -> None:
     out, estimate, scored = (tmp_path / name for name in ("bench.json", "estimate.csv", "score.json"))
     options = ("--condition", "frames=3", "--spacing", 2)
-    (tmp_path / "aborting.py").write_text(ABORTING)
-    crashing = f"{tmp_path / 'aborting.py'}:Aborting"
+    crashing = f"{HELPERS / 'aborting_class.py'}:Aborting"
     ran = sfr("bench", "localise", drive, "--repeat", 2, *options, "--method", crashing, "--json", out)
     assert ran.code == 1, "a method has failed"
     printed = ran.out

@@ -21,17 +21,6 @@ from helpers.cli_result import Sfr
 from helpers.made_scene import write_folder
 from sfr_loc_map.methods.isolation import SETTINGS
 
-ABORTING = """
-import os
-class Aborting:
-    calls = 0
-    def __init__(self, rig, config):
-        pass
-    def process(self, pair):
-        self.calls += 1
-        if self.calls == 8:
-            os.abort()
-"""
 DAILY = [case for case in CASES if case.daily]
 
 
@@ -69,8 +58,7 @@ def test_shared_memory_of_other_methods_is_shut_off(drive: Path, tmp_path: Path,
 def test_a_crashing_class_fails_a_suite(tmp_path: Path, sfr: Sfr, scheduler: str) -> None:
     """Its limits are met; ours beside it passes."""
     source = write_folder(tmp_path / "source", 12, 0)
-    (tmp_path / "candidate.py").write_text(ABORTING)
-    method = f"{tmp_path / 'candidate.py'}:Aborting"
+    method = f"{HELPERS / 'aborting_class.py'}:Aborting"
     suite = {
         "sources": [str(source)],
         "configurations": {"ours": {}, "crashing": {"localisation": {"method": method}}},

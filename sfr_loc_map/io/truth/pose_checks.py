@@ -29,9 +29,8 @@ _log = logging.getLogger(__name__)
 MAX_SPEED_M_PER_S = 100.0  #: Largest speed of a vehicle with cameras; cars, trains and racing drones are slower.
 MIN_JUMP_M = 1.0  #: Smallest jump, m. Smaller jumps may be position noise at two nearly equal stamps.
 JUMPS_PER_STEP = 20.0
-"""Smallest ratio of a jump to the median step, and of its speed to the 90 % quantile of the speeds.
-
-Rovers pause and accelerate, so the ratio is large."""
+"""Smallest ratio of a jump to the median step, and of its speed to the 90 % quantile of the speeds. The ratio is large
+because rovers pause and accelerate."""
 JUMP_SPEED_M_PER_S = 5.0  #: Smallest speed of a jump, m/s. A rover that mostly rests has slower honest steps.
 MOVED_M = 1e-6  #: Smallest step that is not a held pose, m; files round to this.
 SHORTEST_STEP_S = 1e-3  #: Smallest time between two poses for the speed of a step, s.

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
-from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_rotate, rotvecs_from_quats
+from sfr_loc_map.geometry.rotation import quat_angle, quat_conjugate, quat_multiply, quat_rotate, rotvecs_from_quats
 from sfr_loc_map.geometry.trajectory import Trajectory, as_truth
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.completeness.expected_items import share_of, share_rows
@@ -232,7 +232,7 @@ def ends_true_rotation(frames: Frames, *, has_tilt: bool) -> Tested:
 
 def angles_between(first: FloatArray, second: FloatArray) -> FloatArray:
     """Return the angles `(N,)` of the rotations between attitudes `(N, 4)`, rad."""
-    return np.asarray(np.linalg.norm(rotvecs_from_quats(in_start(first, second)), axis=1))
+    return quat_angle(in_start(first, second))
 
 
 def in_start(start: FloatArray, end: FloatArray) -> FloatArray:
